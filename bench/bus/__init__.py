@@ -1,0 +1,1 @@
+"""CAN: opening buses, the DBC codec, end-to-end protection."""

@@ -1,0 +1,1 @@
+"""Controllers wrapped as ECUs: frames in, frames out."""

@@ -1,0 +1,1 @@
+"""The vehicle FMUs on the bus: sensor frames out, actuator frames in."""

@@ -1,0 +1,1 @@
+"""The MCAP log: writing, reading, comparing."""

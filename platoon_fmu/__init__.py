@@ -1,0 +1,1 @@
+"""The vehicle: its 8-DOF dynamics and the FMU built from them."""
