@@ -1,0 +1,61 @@
+# make run: all the set-up, then the paper's formation. make test, make lint, make bench, make clean.
+PYTHON   ?= python3
+CC       ?= cc
+SCENARIO ?= formation
+ARGS     ?=
+
+VENV      := .venv
+BIN       := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+WARM      := build/.warm
+FMU       := build/Vehicle.fmu
+export CC
+
+.PHONY: setup run test lint bench clean
+.DELETE_ON_ERROR:
+
+setup: $(INSTALLED) $(FMU) $(WARM)
+
+run: setup
+	$(BIN)/platoon run $(SCENARIO) $(ARGS)
+
+test: setup
+	$(BIN)/pytest -n 2
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: setup
+	$(BIN)/python -m bench.benchmarks
+
+clean:
+	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	find bench platoon_fmu tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The install is editable, so only a change of what is installed asks for another.
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+		echo "platoon needs Python 3.11 or newer as $(PYTHON). On Debian or Ubuntu: apt install python3" \
+			"(or name another: make PYTHON=python3.12)" >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt setuptools
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.py platoon_fmu/fmi/*)
+	@echo '#include <math.h>' | $(CC) -fsyntax-only -x c - 2>/dev/null || { \
+		echo "No working C compiler ($(CC)) to build the vehicle FMU." \
+			"On Debian or Ubuntu: apt install gcc libc6-dev" >&2; exit 1; }
+	$(BIN)/platoon fmu build
+	@touch $@
+
+# Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycle.
+$(WARM): $(INSTALLED) $(wildcard bench/control/*.py)
+	@mkdir -p $(@D)
+	$(BIN)/python -m bench.control.genetic
+	@touch $@

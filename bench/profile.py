@@ -1,0 +1,123 @@
+"""A scenario value that may change with time: a constant, a step or a sine.
+
+In TOML a profile is a number, or a table such as `{kind = "step", at_s = 2.0, before = 0.0, after = 600.0}`.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    model_serializer,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, core_schema
+
+STRICT = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+"""How every part of a scenario is validated: no unknown key, no text where a number belongs, no NaN."""
+
+
+class Constant(BaseModel):
+    """The same value at all times; written as a plain number."""
+
+    model_config = STRICT
+
+    kind: Literal["constant"] = "constant"
+    level: float
+
+    def value(self, t: float) -> float:  # noqa: ARG002 - one signature for all profiles
+        """Return the value at time `t` (s)."""
+        return self.level
+
+    def extremes(self) -> tuple[float, float]:
+        """Return the least and the greatest value the profile can take."""
+        return self.level, self.level
+
+    @model_serializer
+    def _as_number(self) -> float:
+        return self.level
+
+
+class Step(BaseModel):
+    """`before` until the time `at_s` (s), `after` from then on."""
+
+    model_config = STRICT
+
+    kind: Literal["step"]
+    at_s: Annotated[float, Field(ge=0, le=300)]
+    before: float
+    after: float
+
+    def value(self, t: float) -> float:
+        """Return the value at time `t` (s)."""
+        return self.after if t >= self.at_s else self.before
+
+    def extremes(self) -> tuple[float, float]:
+        """Return the least and the greatest value the profile can take."""
+        return min(self.before, self.after), max(self.before, self.after)
+
+
+class Sine(BaseModel):
+    """`mean + amplitude * sin(2 pi frequency_hz t + phase_rad)`."""
+
+    model_config = STRICT
+
+    kind: Literal["sine"]
+    mean: float
+    amplitude: float
+    # Above half the rate at which the plant reads the profile (100 Hz) the sine would be another one.
+    frequency_hz: Annotated[float, Field(gt=0, le=50)]
+    phase_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
+
+    def value(self, t: float) -> float:
+        """Return the value at time `t` (s)."""
+        return self.mean + self.amplitude * math.sin(2 * math.pi * self.frequency_hz * t + self.phase_rad)
+
+    def extremes(self) -> tuple[float, float]:
+        """Return the least and the greatest value the profile can take."""
+        return self.mean - abs(self.amplitude), self.mean + abs(self.amplitude)
+
+
+def _number_as_constant(raw: Any) -> Any:
+    if isinstance(raw, (int, float)) and not isinstance(raw, bool):
+        return {"kind": "constant", "level": float(raw)}
+    return raw
+
+
+Profile = Annotated[Constant | Step | Sine, Field(discriminator="kind"), BeforeValidator(_number_as_constant)]
+
+
+@dataclass(frozen=True)
+class Within:
+    """Annotation of a profile that must never leave [`low`, `high`]."""
+
+    low: float
+    high: float
+
+    def _check(self, profile: Constant | Step | Sine) -> Constant | Step | Sine:
+        least, greatest = profile.extremes()
+        if least < self.low or greatest > self.high:
+            reach = f"{least:g}" if least == greatest else f"{least:g} to {greatest:g}"
+            raise ValueError(f"is {reach}; allowed: {self.low:g} to {self.high:g} at all times")
+        return profile
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check after the profile itself has been validated."""
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Tell the range, which JSON Schema has no word for across a union, to whoever explains an error."""
+        return {**handler(schema), "range": [self.low, self.high]}
+
+
+def constant(level: float) -> Constant:
+    """Return the profile that is `level` at all times."""
+    return Constant(level=level)

@@ -1,0 +1,254 @@
+"""A scenario: everything a run depends on, read from TOML and validated before anything starts.
+
+Keys carry their unit (`_m`, `_mps`, `_rad`, `_s`, `_n`, `_nm`). Positions are of the centre of mass in the
+road frame (ISO 8855: X along the road, Y to the left). Vehicles are counted from 1 where people read of them
+(`veh1`), list indices in keys from 0 (`vehicles.0.x_m`).
+"""
+
+import dataclasses
+import itertools
+import json
+import math
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import tomli_w
+from pydantic import BaseModel, Field, ValidationError, model_validator, with_config
+from pydantic_core import PydanticCustomError
+
+from bench.control.planner import PlannerSettings
+from bench.control.tracker import TrackerSettings
+from bench.errors import BadInput
+from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constant
+from bench.scenario_errors import Source, closest, explain
+from bench.scenario_overrides import put
+
+CYCLE_S = 0.01
+"""One cycle of the bench (s): sensors, references and commands are exchanged once in it."""
+
+LEAST_START_DISTANCE_M = 4.0
+"""Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""
+
+SCENARIO_DIR = Path(__file__).parent / "scenarios"
+
+Speed = Annotated[float, Field(ge=1, le=40)]
+Lateral = Annotated[float, Field(ge=-100, le=100)]
+CorneringUncertainty = Annotated[Profile, Within(-1, 1)]
+Adhesion = Annotated[Profile, Within(0.05, 1.5)]
+Force = Annotated[Profile, Within(-20_000, 20_000)]
+Moment = Annotated[Profile, Within(-20_000, 20_000)]
+Slope = Annotated[Profile, Within(-0.3, 0.3)]
+
+
+class Platoon(BaseModel):
+    """What the vehicles are to form: a lane, a speed and a gap (centre to centre)."""
+
+    model_config = STRICT
+
+    lane_y_m: Lateral
+    speed_mps: Speed = 20.0
+    gap_m: Annotated[float, Field(ge=5, le=100)] = 10.0
+
+
+class Road(BaseModel):
+    """What acts on a vehicle from outside, each a constant or a function of time.
+
+    Attributes:
+        lambda_f: front cornering stiffness is C_f (1 + 0.4 lambda_f).
+        lambda_r: rear cornering stiffness is C_r (1 + 0.4 lambda_r).
+        mu: tyre-road adhesion.
+        force_x_n: force at the centre of mass along the vehicle's x axis (N).
+        force_y_n: force at the centre of mass along the vehicle's y axis (N).
+        moment_z_nm: yaw moment (N m).
+        slope_rad: slope of the road, positive uphill (rad).
+    """
+
+    model_config = STRICT
+
+    lambda_f: CorneringUncertainty = constant(0.0)
+    lambda_r: CorneringUncertainty = constant(0.0)
+    mu: Adhesion = constant(0.8)
+    force_x_n: Force = constant(0.0)
+    force_y_n: Force = constant(0.0)
+    moment_z_nm: Moment = constant(0.0)
+    slope_rad: Slope = constant(0.0)
+
+
+class VehicleRoad(BaseModel):
+    """The values of `Road` that are different for one vehicle."""
+
+    model_config = STRICT
+
+    lambda_f: CorneringUncertainty | None = None
+    lambda_r: CorneringUncertainty | None = None
+    mu: Adhesion | None = None
+    force_x_n: Force | None = None
+    force_y_n: Force | None = None
+    moment_z_nm: Moment | None = None
+    slope_rad: Slope | None = None
+
+
+class Vehicle(BaseModel):
+    """Where a vehicle starts; it rolls straight ahead at `speed_mps`."""
+
+    model_config = STRICT
+
+    # The bounds keep a run of 300 s at 40 m/s inside what the position signals can carry (13 421 m).
+    x_m: Annotated[float, Field(ge=-1000, le=1000)]
+    y_m: Lateral
+    yaw_rad: Annotated[float, Field(ge=-1.5, le=1.5)] = 0.0
+    speed_mps: Speed
+    road: VehicleRoad | None = None
+
+
+def _refuse_unknown_keys(settings: type) -> None:
+    """Validate a plain dataclass of the controllers, and those inside it, as strictly as our own models."""
+    with_config(STRICT)(settings)
+    for field in dataclasses.fields(settings):
+        if isinstance(field.type, type) and dataclasses.is_dataclass(field.type):
+            _refuse_unknown_keys(field.type)
+
+
+# The controllers know nothing of pydantic, so what it needs to know of their settings is said here.
+_refuse_unknown_keys(PlannerSettings)
+_refuse_unknown_keys(TrackerSettings)
+
+
+class Scenario(BaseModel):
+    """One run, complete: the same scenario gives the same frames."""
+
+    model_config = STRICT
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    description: str = ""
+    duration_s: Annotated[float, Field(ge=CYCLE_S, le=300)] = 10.0
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
+    platoon: Platoon
+    vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1, max_length=16)]
+    road: Road = Road()
+    planner: PlannerSettings = PlannerSettings()
+    tracker: TrackerSettings = TrackerSettings()
+
+    @property
+    def cycles(self) -> int:
+        """How many cycles of 10 ms the run has."""
+        return round(self.duration_s / CYCLE_S)
+
+    def road_of(self, vehicle: int) -> Road:
+        """Return what acts on vehicle number `vehicle` (from 1): the road with that vehicle's own values."""
+        own = self.vehicles[vehicle - 1].road or VehicleRoad()
+        changes = {key: value for key, value in own if value is not None}
+        return self.road.model_copy(update=changes)
+
+    def toml(self) -> str:
+        """Return the whole scenario, defaults included, as TOML that `load` reads back to an equal one."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        problems = [*self._duration_problems(), *self._place_problems()]
+        if problems:
+            raise PydanticCustomError("together", "values that do not fit together", {"problems": problems})
+        return self
+
+    def _duration_problems(self) -> list[tuple[tuple[str | int, ...], str]]:
+        if math.isclose(self.cycles * CYCLE_S, self.duration_s, abs_tol=1e-9):
+            return []
+        text = f"= {self.duration_s} is not a whole number of cycles; allowed: multiples of {CYCLE_S} s"
+        return [(("duration_s",), text)]
+
+    def _place_problems(self) -> list[tuple[tuple[str | int, ...], str]]:
+        problems: list[tuple[tuple[str | int, ...], str]] = []
+        for (i, a), (j, b) in itertools.combinations(enumerate(self.vehicles), 2):
+            distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
+            if distance < LEAST_START_DISTANCE_M:
+                text = (
+                    f"(vehicle {j + 1}) starts {distance:.2f} m from vehicle {i + 1}: two vehicles in one"
+                    f" place; allowed: at least {LEAST_START_DISTANCE_M:g} m between centres"
+                )
+                problems.append((("vehicles", j), text))
+        return problems
+
+
+def shipped() -> list[str]:
+    """Return the names of the scenarios that come with the bench."""
+    return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
+
+
+def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """Return a validated scenario.
+
+    Args:
+        name_or_path: the name of a shipped scenario, or a TOML file.
+        overrides: `KEY=VALUE` each, KEY dotted (`vehicles.0.x_m`, `vehicles[0].x_m`), VALUE as in TOML.
+        seed: replaces the scenario's seed.
+
+    Raises:
+        BadInput: with all that is wrong in one message: key, line, value, allowed range and mend.
+    """
+    path = _find(name_or_path)
+    text, document = _read(path)
+    document.setdefault("name", _name_from(path))
+    given: dict[tuple[str | int, ...], str] = {}
+    for override in overrides:
+        given[put(document, override)] = f"--set {override}"
+    if seed is not None:
+        document["seed"] = seed
+        given["seed",] = f"--seed {seed}"
+    try:
+        # JSON, because strict validation takes lists for tuples and tables for dataclasses only from there.
+        return Scenario.model_validate_json(json.dumps(document, default=str))
+    except ValidationError as error:
+        source = Source(str(path), text, document, given)
+        raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
+
+
+def _find(name_or_path: str | Path) -> Path:
+    name = str(name_or_path)
+    if name in shipped():
+        return SCENARIO_DIR / f"{name}.toml"
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise BadInput(f"Scenario {name!r} is a directory; give a file or one of {', '.join(shipped())}.")
+    near = closest(name, shipped())
+    meant = f" Did you mean {near}?" if near else ""
+    raise BadInput(f"No scenario {name!r}: no such file, and shipped are {', '.join(shipped())}.{meant}")
+
+
+def _name_from(path: Path) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64].lstrip("_.-") or "scenario"
+
+
+def _read(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except OSError as error:
+        raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path} is no TOML: not UTF-8 text (byte {error.start}).") from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # the reader's own errors, and numbers of thousands of digits
+        raise BadInput(f"{path} is no TOML: {error}.") from error
+
+
+__all__ = [
+    "CYCLE_S",
+    "Constant",
+    "Platoon",
+    "Profile",
+    "Road",
+    "Scenario",
+    "Sine",
+    "Step",
+    "Vehicle",
+    "load",
+    "shipped",
+]

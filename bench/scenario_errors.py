@@ -1,0 +1,222 @@
+"""What is wrong with a scenario, in words: place, key, value, allowed range and mend; all errors at once."""
+
+import difflib
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import tomli_w
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+Path = tuple[str | int, ...]
+
+_TAGS = ("constant", "step", "sine")
+_KEY = re.compile(r"^\s*([\w\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=\s*(.*)$")
+_HEADER = re.compile(r"^\s*(\[\[?)\s*([\w\"'. -]+?)\s*\]\]?\s*(?:#.*)?$")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the values of a scenario came from.
+
+    Attributes:
+        name: the file.
+        text: what is in it.
+        document: its values, with the overrides put in.
+        given: the command-line option behind each overridden key.
+    """
+
+    name: str
+    text: str
+    document: Mapping[str, Any]
+    given: Mapping[Path, str]
+
+    def place(self, path: Path) -> str:
+        """Return the option or the line the value at `path` comes from, as far as it can be told."""
+        for key, option in self.given.items():
+            if path[: len(key)] == key or key[: len(path)] == path:
+                return option
+        lines = key_lines(self.text)
+        for length in range(len(path), 0, -1):
+            if path[:length] in lines:
+                return f"line {lines[path[:length]]}"
+        return ""
+
+
+def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -> str:
+    """Return one message with every problem of a scenario.
+
+    Args:
+        error: what pydantic found.
+        source: the file and the options it was made from.
+        schema: the scenario's JSON schema, for the allowed ranges and keys.
+    """
+    problems = [
+        (path, text) for detail in error.errors(include_url=False) for path, text in _problems(detail, schema)
+    ]
+    lines = []
+    for path, text in problems:
+        place = source.place(path)
+        lines.append(f"  {place}{': ' if place else ''}{dotted(path)} {text}")
+    count = "1 error" if len(lines) == 1 else f"{len(lines)} errors"
+    return "\n".join([f"Scenario {source.name} has {count}:", *lines])
+
+
+def closest(name: str, names: Iterable[str]) -> str | None:
+    """Return the one of `names` that `name` was most likely meant to be, if any is near."""
+    found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
+    return found[0] if found else None
+
+
+def dotted(path: Sequence[str | int]) -> str:
+    """Return a path as a user writes it: `vehicles.0.x_m`."""
+    return ".".join(map(str, path))
+
+
+def key_lines(text: str) -> dict[Path, int]:
+    """Return the line number of every key and table of a TOML text that a scenario can have.
+
+    The standard library's TOML reader keeps no line numbers. Inline tables are found as far as their list's
+    entries (one a line); anything deeper is told by the line of its parent.
+    """
+    lines: dict[Path, int] = {}
+    entries: dict[Path, int] = {}
+    table: Path = ()
+    in_list: Path | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        if header := _HEADER.match(line):
+            table = _enter(_parts(header[2]), header[1] == "[[", entries)
+            lines.setdefault(table, number)
+        elif key := _KEY.match(line):
+            path = table + _parts(key[1])
+            lines.setdefault(path, number)
+            in_list = path if key[2].split("#")[0].strip() == "[" else None
+        elif in_list and line.lstrip().startswith("{"):
+            entries[in_list] = entries.get(in_list, -1) + 1
+            lines.setdefault((*in_list, entries[in_list]), number)
+    return lines
+
+
+def _parts(key: str) -> Path:
+    return tuple(part.strip().strip("\"'") for part in key.split("."))
+
+
+def _enter(key: Path, is_entry: bool, entries: dict[Path, int]) -> Path:
+    """Return the path a table header opens, with the index of the list entry it is in."""
+    if is_entry:
+        entries[key] = entries.get(key, -1) + 1
+    path: Path = ()
+    for part in key:
+        path = (*path, part)
+        if path in entries:
+            path = (*path, entries[path])
+    return path
+
+
+def _problems(detail: ErrorDetails, schema: Mapping[str, Any]) -> list[tuple[Path, str]]:
+    """Return the problems one of pydantic's errors stands for, each with the path of its key."""
+    context = detail.get("ctx", {})
+    if detail["type"] == "together":
+        return [(tuple(path), text) for path, text in context["problems"]]
+    node = _schema_at(schema, detail["loc"])
+    path = tuple(part for part in detail["loc"] if part not in _TAGS)
+    if detail["type"] == "value_error":
+        text = str(context["error"])
+        path = _named_in(text, path, node)
+        return [(path, text.removeprefix(str(path[-1]) if path else "").lstrip())]
+    return [(path, _text(detail, path, node, schema))]
+
+
+def _named_in(text: str, path: Path, node: Mapping[str, Any]) -> Path:
+    """Return the path of the setting a controller's own check speaks of, so that its line can be shown."""
+    named = [key for key in node.get("properties", {}) if re.search(rf"\b{key}\b", text)]
+    return (*path, max(named, key=len)) if named else path
+
+
+def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    kind = detail["type"]
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        keys = sorted(_schema_at(schema, detail["loc"][:-1]).get("properties", {}))
+        near = closest(str(path[-1]), keys)
+        meant = f"did you mean {dotted((*path[:-1], near))}? " if near else ""
+        return f"is no key of a scenario; {meant}allowed: {', '.join(keys)}"
+    if kind in ("missing", "union_tag_not_found"):
+        return f"is missing; allowed: {_allowed(node)}"
+    given = _shown(detail["input"])
+    if kind in ("too_short", "too_long"):
+        return f"has {detail['ctx']['actual_length']} entries; allowed: {_allowed(node)}"
+    if kind == "union_tag_invalid":
+        return f"has the kind {detail['ctx']['tag']}; allowed: {_allowed(node)}"
+    return f"= {given} is not allowed; allowed: {_allowed(node)}"
+
+
+def _shown(value: Any) -> str:
+    """Return a value as TOML shows it, shortened."""
+    try:
+        text = tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
+    except TypeError:
+        text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[str, Any]:
+    """Return the part of a JSON schema that describes the value at `path`; empty where there is none."""
+    node = _resolve(schema, schema)
+    for part in path:
+        if isinstance(part, int):
+            prefix = node.get("prefixItems", [])
+            node = prefix[part] if part < len(prefix) else node.get("items", {})
+        elif part in node.get("properties", {}):
+            node = node["properties"][part]
+        elif part in node.get("discriminator", {}).get("mapping", {}):
+            node = {"$ref": node["discriminator"]["mapping"][part]}
+        else:
+            return {}
+        node = _resolve(schema, node)
+    return node
+
+
+def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Follow references, and take the value out of "a value or nothing"."""
+    while True:
+        if "$ref" in node:
+            node = schema["$defs"][node["$ref"].rpartition("/")[2]]
+        elif "anyOf" in node and "discriminator" not in node:
+            node = next(choice for choice in node["anyOf"] if choice.get("type") != "null")
+        else:
+            return node
+
+
+def _allowed(node: Mapping[str, Any]) -> str:
+    """Return what a JSON schema allows, in words."""
+    if "discriminator" in node:
+        low, high = node.get("range", ("-inf", "inf"))
+        return f'a number from {low} to {high}, or a table {{kind = "step", ...}} or {{kind = "sine", ...}}'
+    if "enum" in node:
+        return ", ".join(map(str, node["enum"]))
+    kind = node.get("type")
+    if kind == "array":
+        return f"a list of {node.get('minItems', 0)} to {node.get('maxItems', 'any number of')} entries"
+    if kind == "object":
+        return f"a table with {', '.join(node.get('properties', {}))}"
+    if kind == "string":
+        return f"text that matches {node['pattern']}" if "pattern" in node else "text"
+    if kind == "boolean":
+        return "true or false"
+    noun = {"integer": "a whole number", "number": "a finite number"}.get(str(kind), "another value")
+    return " ".join([noun, *_bounds(node)])
+
+
+def _bounds(node: Mapping[str, Any]) -> list[str]:
+    if "minimum" in node and "maximum" in node:
+        return [f"from {node['minimum']:.10g} to {node['maximum']:.10g}"]
+    words = {
+        "minimum": "at least",
+        "exclusiveMinimum": "above",
+        "maximum": "at most",
+        "exclusiveMaximum": "below",
+    }
+    bounds = [f"{word} {node[key]:.10g}" for key, word in words.items() if key in node]
+    return [" and ".join(bounds)] if bounds else []
