@@ -1,0 +1,382 @@
+"""From physical values to CAN frames and back, as the DBC files describe them.
+
+cantools reads the DBC; every message's layout is turned once into shift-and-mask tables, which give the same
+results as cantools' own codec in a fraction of the time.
+"""
+
+import struct
+import sysconfig
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from cantools.database import load_string
+from cantools.database.can import Database, Message, Signal
+from cantools.database.errors import Error as CantoolsError
+
+from bench.bus import e2e
+from bench.errors import BadInput, BenchError
+
+MAX_VEHICLES = 16
+"""Vehicles that dbc/v2v.dbc has messages for."""
+
+
+def _dbc_dir() -> Path:
+    beside_the_packages = Path(__file__).resolve().parents[2] / "dbc"
+    if beside_the_packages.is_dir():
+        return beside_the_packages
+    return Path(sysconfig.get_path("data")) / "share" / "platoon" / "dbc"
+
+
+DBC_DIR = _dbc_dir()
+"""The folder of vehicle.dbc and v2v.dbc: in the project, or where the wheel installed them."""
+
+
+class DecodeError(BenchError):
+    """A frame that the DBC does not describe: unknown identifier or wrong length."""
+
+
+class EncodeError(BenchError):
+    """A message name that the DBC does not have, or a signal without a value."""
+
+
+class _Encoded(NamedTuple):
+    """How a value becomes bits: round((value - offset) / scale), low and high included, NaN becomes start."""
+
+    signal: str
+    shift: int
+    mask: int
+    scale: float
+    offset: float
+    low: float
+    high: float
+    start: float
+
+
+class _Decoded(NamedTuple):
+    """How bits become a value: two's complement (sign bit `sign`, 0 for unsigned), * scale + offset."""
+
+    signal: str
+    shift: int
+    mask: int
+    sign: int
+    scale: float
+    offset: float
+
+
+class _Layout(NamedTuple):
+    """One message, ready to be coded. CRC and counter are in `decoded` only: `encode` computes them."""
+
+    name: str
+    can_id: int
+    length: int
+    data_id: int
+    """E2E data id, 0 for an unprotected message."""
+    wall_clock: bool
+    crc_start: int
+    encoded: tuple[_Encoded, ...]
+    encoded_floats: tuple[_Encoded, ...]
+    decoded: tuple[_Decoded, ...]
+    decoded_floats: tuple[_Decoded, ...]
+
+
+_FLOAT32 = struct.Struct("<f")
+
+
+class Codec:
+    """Encodes and decodes the messages of one DBC file.
+
+    Attributes:
+        database: the DBC file as cantools has read it.
+        names: message names in the order of their identifiers.
+        not_numbers: NaN values that `encode` replaced by the signal's start value, so far.
+        saturated: values outside their signal's range that `encode` replaced by its nearest end, so far.
+    """
+
+    def __init__(self, dbc_path: Path) -> None:
+        """Read the DBC file at `dbc_path`; a file already read in this process is not read again.
+
+        Raises:
+            BadInput: the file is missing, no valid DBC, or has what this codec does not code (see `_layout`).
+        """
+        self._set_up(*_read(dbc_path.resolve()))
+
+    @classmethod
+    def from_text(cls, text: str) -> "Codec":
+        """Make a codec of a DBC file's content, e.g. of the one attached to a log.
+
+        Raises:
+            BadInput: as the constructor.
+        """
+        codec = cls.__new__(cls)
+        codec._set_up(*_parse(text, "the DBC text"))
+        return codec
+
+    def _set_up(self, database: Database, layouts: tuple[_Layout, ...]) -> None:
+        self.database = database
+        self.names = tuple(layout.name for layout in layouts)
+        self.not_numbers = 0
+        self.saturated = 0
+        self._by_name = {layout.name: layout for layout in layouts}
+        self._by_id = {layout.can_id: layout for layout in layouts}
+        self._data_ids = {layout.can_id: layout.data_id for layout in layouts if layout.data_id}
+        self._wall_clock = frozenset(layout.can_id for layout in layouts if layout.wall_clock)
+
+    def message(self, name: str) -> Message:
+        """Return cantools' description of a message: identifier, senders, signals, cycle time, comments.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        self._layout_of(name)
+        return self.database.get_message_by_name(name)
+
+    def encode(self, name: str, values: Mapping[str, float], counter: int = 0) -> tuple[int, bytes]:
+        """Return identifier and data of the message `name`.
+
+        `values` holds a physical value, in the DBC's unit, for every signal but CRC and AliveCounter; values
+        of other names are left aside. A value outside the signal's range becomes its nearest end, NaN its
+        start value; both are counted. In a protected message AliveCounter becomes `counter` modulo 15 and CRC
+        is computed.
+
+        Raises:
+            EncodeError: the DBC has no such message, or a signal has no value.
+        """
+        layout = self._by_name.get(name)
+        if layout is None:
+            layout = self._layout_of(name)
+        word = 0
+        try:
+            for signal, shift, mask, scale, offset, low, high, start in layout.encoded:
+                value = values[signal]
+                if not low <= value <= high:
+                    value = self._limited(value, low, high, start)
+                word |= (round((value - offset) / scale) & mask) << shift
+            for signal, shift, _, _, _, low, high, start in layout.encoded_floats:
+                value = values[signal]
+                if not low <= value <= high:
+                    value = self._limited(value, low, high, start)
+                word |= int.from_bytes(_FLOAT32.pack(value), "little") << shift
+        except KeyError as error:
+            given = ", ".join(values)
+            raise EncodeError(f"message {name}: signal {error} has no value; given: {given}") from None
+        if not layout.data_id:
+            return layout.can_id, word.to_bytes(layout.length, "little")
+        word |= counter % e2e.COUNTER_MODULUS << 8
+        crc = layout.crc_start
+        table = e2e.CRC_TABLE
+        for byte in (word >> 8).to_bytes(layout.length - 1, "little"):
+            crc = table[crc ^ byte]
+        return layout.can_id, (word | crc).to_bytes(layout.length, "little")
+
+    def decode(self, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
+        """Return the name of a frame's message and the physical values of all its signals.
+
+        CRC and AliveCounter are given as they are, unchecked (see `bench.bus.e2e`); states as numbers.
+
+        Raises:
+            DecodeError: the DBC has no such identifier, or `data` has not its length.
+        """
+        layout = self._by_id.get(can_id)
+        if layout is None:
+            raise DecodeError(f"identifier 0x{can_id:03X} is not in the DBC")
+        if len(data) != layout.length:
+            raise DecodeError(f"message {layout.name}: {len(data)} bytes instead of {layout.length}")
+        word = int.from_bytes(data, "little")
+        values = {
+            signal: ((word >> shift & mask ^ sign) - sign) * scale + offset
+            for signal, shift, mask, sign, scale, offset in layout.decoded
+        }
+        for signal, shift, mask, _, _, _ in layout.decoded_floats:
+            values[signal] = _FLOAT32.unpack((word >> shift & mask).to_bytes(4, "little"))[0]
+        return layout.name, values
+
+    def start_values(self, name: str) -> dict[str, float]:
+        """Return the physical start value of every signal that `encode` takes for the message `name`.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        layout = self._layout_of(name)
+        return {field.signal: field.start for field in (*layout.encoded, *layout.encoded_floats)}
+
+    def can_id(self, name: str) -> int:
+        """Return the identifier of the message `name`.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        return self._layout_of(name).can_id
+
+    def data_id(self, name: str) -> int:
+        """Return the E2E data id of the message `name`, 0 for one that is not protected.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        return self._layout_of(name).data_id
+
+    def is_protected(self, can_id: int) -> bool:
+        """Return whether the frames of this identifier carry an E2E CRC and counter; unknown ones do not."""
+        return can_id in self._data_ids
+
+    def is_wall_clock(self, can_id: int) -> bool:
+        """Return whether the message holds wall-clock figures; unknown ones do not."""
+        return can_id in self._wall_clock
+
+    def receiver(self, can_id: int) -> e2e.Receiver:
+        """Return a new E2E receiver for the protected message `can_id`.
+
+        Raises:
+            DecodeError: the DBC has no protected message of this identifier.
+        """
+        if can_id not in self._data_ids:
+            raise DecodeError(f"identifier 0x{can_id:03X} is not a protected message of this DBC")
+        return e2e.Receiver(self._data_ids[can_id])
+
+    def _layout_of(self, name: str) -> _Layout:
+        try:
+            return self._by_name[name]
+        except KeyError:
+            raise EncodeError(f"message {name!r} is not in the DBC; it has {', '.join(self.names)}") from None
+
+    def _limited(self, value: float, low: float, high: float, start: float) -> float:
+        if value < low or value > high:
+            self.saturated += 1
+            return low if value < low else high
+        self.not_numbers += 1
+        return start
+
+
+def load_codecs(vehicles: int) -> dict[str, Codec]:
+    """Return a codec for every bus of a bench with `vehicles` (1..16) vehicles: v2v, veh1, veh2, ...
+
+    Raises:
+        BadInput: more vehicles than the V2V bus has messages for, or the DBC files are not there.
+    """
+    if not 1 <= vehicles <= MAX_VEHICLES:
+        raise BadInput(f"vehicles = {vehicles}: dbc/v2v.dbc has messages for 1 to {MAX_VEHICLES} vehicles")
+    buses = {bus: DBC_DIR / ("v2v.dbc" if bus == "v2v" else "vehicle.dbc") for bus in bus_names(vehicles)}
+    return {bus: Codec(path) for bus, path in buses.items()}
+
+
+def bus_names(vehicles: int) -> tuple[str, ...]:
+    """Return the names of a bench's buses in their order: v2v, veh1, veh2, ... up to `vehicles`."""
+    return ("v2v", *(f"veh{vehicle}" for vehicle in range(1, vehicles + 1)))
+
+
+@cache
+def _read(path: Path) -> tuple[Database, tuple[_Layout, ...]]:
+    try:
+        text = path.read_text(encoding="cp1252")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot read the DBC file: {error.strerror}") from error
+    return _parse(text, str(path))
+
+
+def _parse(text: str, where: str) -> tuple[Database, tuple[_Layout, ...]]:
+    try:
+        database = load_string(text, database_format="dbc", strict=True)
+    except CantoolsError as error:
+        raise BadInput(f"{where}: not a valid DBC file: {error}") from error
+    if not isinstance(database, Database):
+        raise BadInput(f"{where}: not a DBC file of a CAN bus")
+    try:
+        layouts = (_layout(message) for message in database.messages)
+        return database, tuple(sorted(layouts, key=lambda layout: layout.can_id))
+    except BadInput as error:
+        raise BadInput(f"{where}: {error}") from error
+
+
+def _layout(message: Message) -> _Layout:
+    """Return the tables of one message.
+
+    Raises:
+        BadInput: a signal is multiplexed, in Motorola byte order, a float of other than 32 bits or without a
+            range;
+            or a protected message has not CRC and AliveCounter where E2E Profile 1 has them.
+    """
+    for signal in message.signals:
+        _check_codable(message, signal)
+    data_id = int(_attribute(message, "E2EDataId", 0))
+    if data_id:
+        _check_protection(message)
+    payload = [s for s in message.signals if not (data_id and s.name in _E2E_SIGNALS)]
+    return _Layout(
+        name=message.name,
+        can_id=message.frame_id,
+        length=message.length,
+        data_id=data_id,
+        wall_clock=_attribute(message, "WallClock", "No") == "Yes",
+        crc_start=e2e.crc_of_id(data_id),
+        encoded=tuple(map(_encoded, _integers(payload))),
+        encoded_floats=tuple(map(_encoded, _floats(payload))),
+        decoded=tuple(map(_decoded, _integers(message.signals))),
+        decoded_floats=tuple(map(_decoded, _floats(message.signals))),
+    )
+
+
+_E2E_SIGNALS = {"CRC": (0, 8), "AliveCounter": (8, 4)}
+"""First bit and number of bits, as E2E Profile 1 has them."""
+
+
+def _check_codable(message: Message, signal: Signal) -> None:
+    where = f"message {message.name}, signal {signal.name}"
+    if signal.byte_order != "little_endian" or message.is_multiplexed():
+        raise BadInput(f"{where}: only signals in Intel byte order without multiplexing can be coded")
+    if signal.is_float and signal.length != 32:
+        raise BadInput(f"{where}: a float of {signal.length} bits cannot be coded, only of 32")
+    if signal.is_float and (signal.scale != 1 or signal.offset != 0):
+        raise BadInput(f"{where}: a float must have scale 1 and offset 0")
+    if signal.minimum is None or signal.maximum is None:
+        raise BadInput(f"{where}: give it a range, [minimum|maximum]")
+
+
+def _check_protection(message: Message) -> None:
+    for name, (start, length) in _E2E_SIGNALS.items():
+        if not any((s.name, s.start, s.length) == (name, start, length) for s in message.signals):
+            need = f"a signal {name} of {length} bits at bit {start}"
+            raise BadInput(f"message {message.name}: it has an E2EDataId, so it needs {need}")
+
+
+def _integers(signals: Iterable[Signal]) -> list[Signal]:
+    return [signal for signal in signals if not signal.is_float]
+
+
+def _floats(signals: Iterable[Signal]) -> list[Signal]:
+    return [signal for signal in signals if signal.is_float]
+
+
+def _encoded(signal: Signal) -> _Encoded:
+    raw = signal.raw_initial or 0
+    return _Encoded(
+        signal=signal.name,
+        shift=signal.start,
+        mask=(1 << signal.length) - 1,
+        scale=signal.scale,
+        offset=signal.offset,
+        low=float(signal.minimum or 0),
+        high=float(signal.maximum or 0),
+        start=float(raw * signal.scale + signal.offset),
+    )
+
+
+def _decoded(signal: Signal) -> _Decoded:
+    return _Decoded(
+        signal=signal.name,
+        shift=signal.start,
+        mask=(1 << signal.length) - 1,
+        sign=1 << (signal.length - 1) if signal.is_signed else 0,
+        scale=float(signal.scale),
+        offset=float(signal.offset),
+    )
+
+
+def _attribute(message: Message, name: str, absent: float | str) -> float | str:
+    """Return an attribute of the message; of an ENUM attribute its text."""
+    attribute = message.dbc.attributes.get(name) if message.dbc else None
+    if attribute is None:
+        return absent
+    choices = attribute.definition.choices
+    return choices[int(attribute.value)] if choices else attribute.value

@@ -1,0 +1,125 @@
+"""AUTOSAR E2E Profile 1, variant DATAID_BOTH: CRC, alive counter and age of protected messages.
+
+AUTOSAR Foundation, "E2E Protocol Specification" (PRS_E2EProtocol), Profile 1: byte 0 holds the CRC, the low
+nibble of byte 1 the counter 0..14. The CRC is the CRC-8 of SAE J1850 (polynomial 0x1D, start and final value
+0) over the data identifier's low byte, its high byte and then bytes 1, 2, ... of the message.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+
+COUNTER_MODULUS = 15
+"""The counter runs 0..14; 15 is never sent, so a frame that carries it is wrong."""
+
+_POLYNOMIAL = 0x1D
+_NO_COUNTER = 0x0F
+
+
+def _crc_table() -> tuple[int, ...]:
+    table = []
+    for byte in range(256):
+        crc = byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ _POLYNOMIAL if crc & 0x80 else crc << 1) & 0xFF
+        table.append(crc)
+    return tuple(table)
+
+
+CRC_TABLE = _crc_table()
+
+
+def crc_of_id(data_id: int) -> int:
+    """Return the CRC over the two bytes of `data_id` (0..65535): where the CRC of its message starts."""
+    return CRC_TABLE[CRC_TABLE[data_id & 0xFF] ^ data_id >> 8]
+
+
+def crc_of_message(data: Sequence[int], data_id: int) -> int:
+    """Return the CRC that byte 0 of the message `data` must hold; byte 0 itself is not read."""
+    crc = crc_of_id(data_id)
+    for byte in data[1:]:
+        crc = CRC_TABLE[crc ^ byte]
+    return crc
+
+
+def protect(data: bytearray, data_id: int, counter: int) -> None:
+    """Write counter (modulo 15, low nibble of byte 1) and CRC (byte 0) into `data`, 2 bytes or more."""
+    data[1] = data[1] & 0xF0 | counter % COUNTER_MODULUS
+    data[0] = crc_of_message(data, data_id)
+
+
+def check(data: Sequence[int], data_id: int) -> bool:
+    """Return whether the CRC of `data` fits its content and `data_id`; never for less than 2 bytes."""
+    return len(data) >= 2 and data[0] == crc_of_message(data, data_id)
+
+
+class Status(Enum):
+    """What the last call of `Receiver` found."""
+
+    OK = "ok"
+    """A good frame, the counter went on as expected: use it."""
+    REPEATED = "repeated"
+    """CRC good, but the counter is that of the frame before: an old frame again, do not use."""
+    WRONG_SEQUENCE = "wrong_sequence"
+    """CRC good, but more frames are missing in between than cycles went by: do not use."""
+    ERROR = "error"
+    """CRC wrong, counter impossible or too short: do not use."""
+    NONE = "none"
+    """No frame came in this cycle, or none ever."""
+
+
+class Receiver:
+    """Checks one protected message as it comes in, cycle by cycle.
+
+    Call `check` for a frame, or `missed` at the end of a cycle that brought none. Every cycle without a frame
+    allows the counter one step more, as the profile has it, so that a lost frame does not make the next one
+    wrong. After a wrong sequence the counter seen is the new start: a restarted sender is taken up with its
+    second frame.
+
+    Attributes:
+        status: the result of the last call.
+        age: cycles since the last frame that was ok, 0 is this cycle; before the first one, since the start.
+        errors: frames refused so far (repeated, wrong sequence, error).
+    """
+
+    __slots__ = ("_allowed_step", "_counter", "_data_id", "_max_step", "age", "errors", "status")
+
+    def __init__(self, data_id: int, max_step: int = 1) -> None:
+        """Expect the message of `data_id`, its counter at most `max_step` (1..14) on from frame to frame."""
+        self._data_id = data_id
+        self._max_step = max_step
+        self._allowed_step = max_step
+        self._counter: int | None = None
+        self.status = Status.NONE
+        self.age = 0
+        self.errors = 0
+
+    def check(self, data: Sequence[int]) -> Status:
+        """Check one frame and return what it is; only `Status.OK` may be used."""
+        self.status = self._status_of(data)
+        if self.status is Status.OK:
+            self.age = 0
+        else:
+            self.errors += 1
+        return self.status
+
+    def missed(self) -> Status:
+        """Note that a cycle ended without a frame that was ok."""
+        self.age += 1
+        self._allowed_step = min(self._allowed_step + 1, COUNTER_MODULUS - 1)
+        self.status = Status.NONE
+        return self.status
+
+    def _status_of(self, data: Sequence[int]) -> Status:
+        if not check(data, self._data_id):
+            return Status.ERROR
+        counter = data[1] & 0x0F
+        if counter == _NO_COUNTER:
+            return Status.ERROR
+        previous, self._counter = self._counter, counter
+        if previous is None:
+            return Status.OK
+        step = (counter - previous) % COUNTER_MODULUS
+        if step == 0:
+            return Status.REPEATED
+        allowed, self._allowed_step = self._allowed_step, self._max_step
+        return Status.OK if step <= allowed else Status.WRONG_SEQUENCE
