@@ -1,0 +1,69 @@
+"""Any other bus that python-can knows, by python-can's own calls: CAN hardware of all makers."""
+
+import can
+
+from bench.bus.base import EXTENDED, MOST_FRAMES, Link, LinkError
+from bench.bus.socketcan import BIT_RATE
+from bench.errors import BadInput
+
+
+class InterfaceLink(Link):
+    """A bus of any python-can interface that can be waited on."""
+
+    def __init__(self, name: str, interface: str, channel: str) -> None:
+        """Join the bus `name` on a python-can interface and channel.
+
+        Raises:
+            BadInput: it cannot be opened, or has no file descriptor to wait on.
+        """
+        super().__init__(name)
+        try:
+            self._bus = can.Bus(interface=interface, channel=channel, bitrate=BIT_RATE)
+        except (can.CanError, OSError, ImportError, ValueError) as error:
+            raise BadInput(f"bus {name}: python-can cannot open {interface}:{channel}: {error}") from error
+        try:
+            self._bus.fileno()
+        except NotImplementedError as error:
+            self.close()
+            raise BadInput(
+                f"bus {name}: python-can's {interface} has no file descriptor to wait on, the bench needs one"
+            ) from error
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """See `Link`."""
+        message = can.Message(
+            arbitration_id=can_id & ~EXTENDED, data=data, is_extended_id=can_id >= EXTENDED, check=False
+        )
+        try:
+            self._bus.send(message)
+        except can.CanError as error:
+            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error}") from error
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """See `Link`."""
+        frames: list[tuple[int, bytes]] = []
+        for _ in range(MOST_FRAMES):
+            try:
+                message = self._bus.recv(timeout=0)
+            except can.CanError as error:
+                raise LinkError(f"bus {self.name}: no frames can be received: {error}") from error
+            if message is None:
+                break
+            if message.is_remote_frame or message.is_error_frame or message.is_fd:
+                self.ignored += 1
+                continue
+            extended = EXTENDED if message.is_extended_id else 0
+            frames.append((message.arbitration_id | extended, bytes(message.data)))
+        return frames
+
+    def fileno(self) -> int:
+        """See `Link`."""
+        return int(self._bus.fileno())
+
+    def frames_lost(self) -> int:
+        """Return 0: python-can does not tell what its interfaces lose."""
+        return 0
+
+    def close(self) -> None:
+        """See `Link`."""
+        self._bus.shutdown()

@@ -1,0 +1,91 @@
+"""The bus `vcan` and every other CAN link of the Linux kernel (SocketCAN), virtual or real."""
+
+import errno
+import socket
+import struct
+from collections.abc import Iterable
+from pathlib import Path
+
+from can.interfaces.socketcan import SocketcanBus
+
+from bench.bus.base import LinkError
+from bench.bus.sockets import SocketLink
+from bench.errors import BadInput
+
+BIT_RATE = 500_000
+"""Bits per second, as in the DBC files; a real link is set up with it."""
+
+_FRAME = struct.Struct("=IB3x8s")
+"""struct can_frame of linux/can.h: identifier and flags, length, data."""
+
+_REMOTE_OR_ERROR = 0x6000_0000
+
+
+class SocketcanLink(SocketLink):
+    """A raw CAN socket bound to one link of the kernel."""
+
+    def __init__(self, name: str, channel: str) -> None:
+        """Join the bus `name` on the kernel's link `channel`, e.g. vcan0.
+
+        Raises:
+            BadInput: it cannot be opened; the message says what to type.
+        """
+        super().__init__(name, _open(name, channel))
+        self._channel = channel
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """See `Link`."""
+        try:
+            self._socket.send(_FRAME.pack(can_id, len(data), data))
+        except OSError as error:
+            mend = f"try: sudo ip link set {self._channel} txqueuelen 1000"
+            reason = f"{error.strerror}; {mend}" if error.errno == errno.ENOBUFS else error.strerror
+            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {reason}") from error
+
+    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+        can_id, length, data = _FRAME.unpack(datagram)
+        if can_id & _REMOTE_OR_ERROR:
+            self.ignored += 1
+            return None
+        return can_id, data[:length]
+
+
+def require_links(channels: Iterable[str]) -> None:
+    """Check that the kernel has SocketCAN and all these links, and that they are up.
+
+    Raises:
+        BadInput: something is missing; the message says what to type for all of it.
+    """
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError as error:
+        raise BadInput(
+            f"this kernel has no SocketCAN loaded ({error.strerror}); use --can udp, or type:\n"
+            "  sudo modprobe -a can_raw vcan\n"
+            "and where there is no such module, on Ubuntu:\n"
+            "  sudo apt-get install linux-modules-extra-$(uname -r)"
+        ) from error
+    commands = [command for channel in channels for command in _missing(channel)]
+    if commands:
+        raise BadInput("not all CAN links are there and up; type:\n  " + "\n  ".join(commands))
+
+
+def _missing(channel: str) -> list[str]:
+    """Return the commands that bring a link up; empty where it is up."""
+    flags = Path("/sys/class/net") / channel / "flags"
+    if channel.startswith("vcan"):
+        commands = [f"sudo ip link add {channel} type vcan", f"sudo ip link set {channel} up"]
+    else:
+        commands = [f"sudo ip link set {channel} up type can bitrate {BIT_RATE}"]
+    if not flags.exists():
+        return commands
+    is_up = int(flags.read_text(), 16) & 1
+    return [] if is_up else commands[-1:]
+
+
+def _open(name: str, channel: str) -> SocketcanBus:
+    require_links([channel])
+    try:
+        return SocketcanBus(channel)
+    except OSError as error:
+        raise BadInput(f"bus {name}: CAN link {channel} cannot be opened: {error.strerror}") from error

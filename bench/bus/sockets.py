@@ -1,0 +1,93 @@
+"""Links over Linux sockets: python-can opens the bus, frames are read from its socket.
+
+python-can defines what frames look like on the wire, so every python-can tool takes part. Reading the socket
+here is several times faster than python-can's `recv`, and only on the socket can the receive buffer be raised
+and the kernel's count of dropped frames be read.
+"""
+
+import os
+import socket
+import struct
+from abc import abstractmethod
+
+import can
+
+from bench.bus.base import MOST_FRAMES, Link, LinkError
+from bench.errors import BadInput
+
+RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024
+"""The default buffer holds about 256 frames, and what does not fit vanishes."""
+
+_DATAGRAM_BYTES = 1024
+_SO_RCVBUFFORCE = 33
+_SO_MEMINFO = 55
+_MEMINFO = struct.Struct("=9I")
+_MEMINFO_DROPS = 8
+
+
+class SocketLink(Link):
+    """A link over the socket of a python-can bus, which it takes over and closes."""
+
+    def __init__(self, name: str, bus: can.BusABC) -> None:
+        """Take over `bus`.
+
+        Raises:
+            BadInput: the kernel does not tell how many frames it drops.
+        """
+        super().__init__(name)
+        self._bus = bus
+        self._socket = socket.socket(fileno=os.dup(bus.fileno()))
+        _raise_receive_buffer(self._socket)
+        try:
+            self.frames_lost()
+        except OSError as error:
+            self.close()
+            raise BadInput(
+                f"bus {name}: this kernel does not count lost frames (SO_MEMINFO, Linux 4.12 or newer)"
+            ) from error
+
+    @abstractmethod
+    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+        """Return the frame in a datagram; None for one of our own, or one to be ignored (and counted)."""
+
+    def receive(self) -> list[tuple[int, bytes]]:
+        """See `Link`."""
+        frames: list[tuple[int, bytes]] = []
+        receive, parse = self._socket.recv, self._parse
+        try:
+            for _ in range(MOST_FRAMES):
+                frame = parse(receive(_DATAGRAM_BYTES, socket.MSG_DONTWAIT))
+                if frame is not None:
+                    frames.append(frame)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            raise LinkError(f"bus {self.name}: no frames can be received: {error.strerror}") from error
+        return frames
+
+    def fileno(self) -> int:
+        """See `Link`."""
+        return self._socket.fileno()
+
+    def frames_lost(self) -> int:
+        """Return the kernel's drop counter of the socket (sk_drops, which SO_RXQ_OVFL reports too).
+
+        SO_MEMINFO gives it at any time. SO_RXQ_OVFL gives it only along with the next frame that was not
+        dropped, so the last losses would stay unseen, and python-can's `recv` fails on a second ancillary
+        message.
+        """
+        memory = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
+        return int(_MEMINFO.unpack(memory)[_MEMINFO_DROPS])
+
+    def close(self) -> None:
+        """See `Link`."""
+        self._socket.close()
+        self._bus.shutdown()
+
+
+def _raise_receive_buffer(sock: socket.socket) -> None:
+    """Ask for a large receive buffer; without the right to force it, the limit is the system's rmem_max."""
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+    except PermissionError:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)

@@ -1,0 +1,144 @@
+"""The bus `udp`: python-can's udp_multicast, kept on this host. One UDP port is one bus.
+
+Any python-can tool of this host takes part: `can_logger -i udp_multicast -c 239.74.163.2 --port PORT`.
+"""
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from socket import AF_INET, SOCK_DGRAM, SOCK_STREAM, socket
+
+import can
+import msgpack
+from can.interfaces.udp_multicast import UdpMulticastBus
+
+from bench.bus.base import EXTENDED, LinkError
+from bench.bus.sockets import SocketLink
+from bench.errors import BadInput
+
+GROUP = UdpMulticastBus.DEFAULT_GROUP_IPv4
+
+FIRST_PORT = 43113
+"""Port of the v2v bus where it is free: python-can's default, so that its tools attach with no port given."""
+
+_LAST_PORT = 60999
+
+
+class UdpLink(SocketLink):
+    """A msgpack map per frame, to all sockets of group and port on this host."""
+
+    def __init__(self, name: str, port: int) -> None:
+        """Join the bus `name` on UDP `port`.
+
+        Raises:
+            BadInput: it cannot be opened; the message says what to type.
+        """
+        super().__init__(name, _open(name, port))
+        # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
+        self._mark = f"{name}/{os.urandom(8).hex()}"
+        self._mark_bytes = self._mark.encode()
+
+    def send(self, can_id: int, data: bytes) -> None:
+        """See `Link`."""
+        message = can.Message(
+            arbitration_id=can_id & ~EXTENDED,
+            data=data,
+            is_extended_id=can_id >= EXTENDED,
+            channel=self._mark,
+            check=False,
+        )
+        try:
+            self._bus.send(message)
+        except can.CanError as error:
+            raise LinkError(
+                f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error.__cause__}"
+            ) from error
+
+    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+        if self._mark_bytes in datagram:
+            return None
+        try:
+            frame = msgpack.unpackb(datagram)
+            can_id, data = frame["arbitration_id"], frame["data"]
+            extended = EXTENDED if frame["is_extended_id"] else 0
+            others = frame["is_remote_frame"] or frame["is_error_frame"] or frame["is_fd"]
+            if not others and 0 <= can_id < (1 << 29 if extended else 1 << 11) and len(data) <= 8:
+                return can_id | extended, bytes(data)
+        except (ValueError, TypeError, KeyError):
+            # Anybody can send anything to a UDP port.
+            pass
+        self.ignored += 1
+        return None
+
+
+def _open(name: str, port: int) -> UdpMulticastBus:
+    try:
+        # A hop limit of 0 keeps the frames on this host.
+        return UdpMulticastBus(GROUP, port=port, hop_limit=0, fd=False)
+    except can.CanInterfaceNotImplementedError as error:
+        raise BadInput(f"bus {name}: {error}; type: pip install msgpack") from error
+    except (can.CanError, OSError) as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        number = cause.errno if isinstance(cause, OSError) else None
+        if number in (errno.ENODEV, errno.ENETUNREACH):
+            raise BadInput(
+                f"bus {name}: this machine has no route for multicast; "
+                "type: sudo ip link set lo up && sudo ip route add 239.0.0.0/8 dev lo"
+            ) from error
+        if number == errno.EADDRINUSE:
+            raise BadInput(f"bus {name}: UDP port {port} is used by another program; use another") from error
+        raise BadInput(f"bus {name}: UDP port {port} cannot be opened: {cause}") from error
+
+
+@contextmanager
+def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
+    """Hold `count` UDP ports in a row for one bench; without `first`, the lowest that are free.
+
+    Ports of udp_multicast are shared by design, so they cannot show that a bench uses them. The lock of UDP
+    port p is therefore TCP port p of the loopback address, bound while the context lasts; the kernel frees it
+    with the process, however that ends.
+
+    Raises:
+        BadInput: a port is held by another bench or used by another program, or there are no free ones.
+    """
+    starts = range(FIRST_PORT, _LAST_PORT - count, count) if first is None else (first,)
+    for start in starts:
+        ports = range(start, start + count)
+        locks = _lock(ports)
+        if locks is not None:
+            with locks:
+                yield ports
+            return
+    if first is None:
+        raise BadInput(f"no {count} free UDP ports in a row from {FIRST_PORT} to {_LAST_PORT}")
+    raise BadInput(
+        f"udp:{first}: not all of the UDP ports {first} to {first + count - 1} are free, another bench or "
+        "program uses one; take others, or udp without a port"
+    )
+
+
+def _lock(ports: range) -> ExitStack | None:
+    """Return the locks of all `ports`, or None where one of them is not free."""
+    with ExitStack() as stack:
+        for port in ports:
+            lock = stack.enter_context(socket(AF_INET, SOCK_STREAM))
+            if not (_binds(lock, "127.0.0.1", port) and _is_free(port)):
+                return None
+        return stack.pop_all()
+
+
+def _is_free(port: int) -> bool:
+    """Return whether no program, of this bench's kind or any other, has a UDP socket on this port."""
+    with socket(AF_INET, SOCK_DGRAM) as probe:
+        return _binds(probe, "", port)
+
+
+def _binds(sock: socket, host: str, port: int) -> bool:
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        if error.errno in (errno.EADDRINUSE, errno.EACCES):
+            return False
+        raise
+    return True
