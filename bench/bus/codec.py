@@ -331,6 +331,12 @@ def _check_codable(message: Message, signal: Signal) -> None:
         raise BadInput(f"{where}: a float must have scale 1 and offset 0")
     if signal.minimum is None or signal.maximum is None:
         raise BadInput(f"{where}: give it a range, [minimum|maximum]")
+    if not signal.is_float:
+        raw_low = -(1 << signal.length - 1) if signal.is_signed else 0
+        raw_high = raw_low + (1 << signal.length) - 1
+        ends = ((end - signal.offset) / signal.scale for end in (signal.minimum, signal.maximum))
+        if not all(raw_low <= round(raw) <= raw_high for raw in ends):
+            raise BadInput(f"{where}: its range does not fit into {signal.length} bits")
 
 
 def _check_protection(message: Message) -> None:

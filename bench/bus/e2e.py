@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from enum import Enum
 
 COUNTER_MODULUS = 15
-"""The counter runs 0..14; 15 is never sent, so a frame that carries it is wrong."""
+"""The counter runs 0..14; 15 is never sent."""
 
 _POLYNOMIAL = 0x1D
-_NO_COUNTER = 0x0F
+_COUNTER_MASK = 0x0F
 
 
 def _crc_table() -> tuple[int, ...]:
@@ -48,8 +48,12 @@ def protect(data: bytearray, data_id: int, counter: int) -> None:
 
 
 def check(data: Sequence[int], data_id: int) -> bool:
-    """Return whether the CRC of `data` fits its content and `data_id`; never for less than 2 bytes."""
-    return len(data) >= 2 and data[0] == crc_of_message(data, data_id)
+    """Return whether `data` is a whole frame of message `data_id`: its CRC fits and its counter is not 15."""
+    return (
+        len(data) >= 2
+        and data[1] & _COUNTER_MASK < COUNTER_MODULUS
+        and data[0] == crc_of_message(data, data_id)
+    )
 
 
 class Status(Enum):
@@ -112,9 +116,7 @@ class Receiver:
     def _status_of(self, data: Sequence[int]) -> Status:
         if not check(data, self._data_id):
             return Status.ERROR
-        counter = data[1] & 0x0F
-        if counter == _NO_COUNTER:
-            return Status.ERROR
+        counter = data[1] & _COUNTER_MASK
         previous, self._counter = self._counter, counter
         if previous is None:
             return Status.OK

@@ -8,25 +8,22 @@ from bench.errors import BadInput
 
 
 class InterfaceLink(Link):
-    """A bus of any python-can interface that can be waited on."""
+    """A link over a python-can bus, which it takes over and closes."""
 
-    def __init__(self, name: str, interface: str, channel: str) -> None:
-        """Join the bus `name` on a python-can interface and channel.
+    def __init__(self, name: str, bus: can.BusABC) -> None:
+        """Take over `bus`.
 
         Raises:
-            BadInput: it cannot be opened, or has no file descriptor to wait on.
+            BadInput: it has no file descriptor to wait on.
         """
         super().__init__(name)
+        self._bus = bus
         try:
-            self._bus = can.Bus(interface=interface, channel=channel, bitrate=BIT_RATE)
-        except (can.CanError, OSError, ImportError, ValueError) as error:
-            raise BadInput(f"bus {name}: python-can cannot open {interface}:{channel}: {error}") from error
-        try:
-            self._bus.fileno()
+            bus.fileno()
         except NotImplementedError as error:
             self.close()
             raise BadInput(
-                f"bus {name}: python-can's {interface} has no file descriptor to wait on, the bench needs one"
+                f"bus {name}: {type(bus).__name__} has no file descriptor to wait on, which the bench needs"
             ) from error
 
     def send(self, can_id: int, data: bytes) -> None:
@@ -67,3 +64,16 @@ class InterfaceLink(Link):
     def close(self) -> None:
         """See `Link`."""
         self._bus.shutdown()
+
+
+def open_interface(name: str, interface: str, channel: str) -> InterfaceLink:
+    """Join the bus `name` on a python-can interface and channel.
+
+    Raises:
+        BadInput: python-can cannot open it, or it has no file descriptor to wait on.
+    """
+    try:
+        bus = can.Bus(interface=interface, channel=channel, bitrate=BIT_RATE)
+    except (can.CanError, OSError, ImportError, ValueError) as error:
+        raise BadInput(f"bus {name}: python-can cannot open {interface}:{channel}: {error}") from error
+    return InterfaceLink(name, bus)

@@ -3,7 +3,7 @@
 from bench.bus.address import Address, settle
 from bench.bus.base import Link, LinkError
 from bench.bus.direct import DirectLink
-from bench.bus.interface import InterfaceLink
+from bench.bus.interface import open_interface
 from bench.bus.socketcan import SocketcanLink
 from bench.bus.udp import UdpLink, reserve_udp_ports
 
@@ -22,4 +22,4 @@ def open_link(bus: str, address: Address) -> Link:
         return UdpLink(bus, address.port_of(bus))
     if address.interface == "socketcan":
         return SocketcanLink(bus, address.channel_of(bus))
-    return InterfaceLink(bus, address.interface, address.channel_of(bus))
+    return open_interface(bus, address.interface, address.channel_of(bus))

@@ -5,12 +5,12 @@ Any python-can tool of this host takes part: `can_logger -i udp_multicast -c 239
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from socket import AF_INET, SOCK_DGRAM, SOCK_STREAM, socket
+from socket import AF_INET, SO_REUSEADDR, SO_REUSEPORT, SOCK_DGRAM, SOCK_STREAM, SOL_SOCKET, socket
+from typing import Any
 
 import can
-import msgpack
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from bench.bus.base import EXTENDED, LinkError
@@ -34,6 +34,7 @@ class UdpLink(SocketLink):
         Raises:
             BadInput: it cannot be opened; the message says what to type.
         """
+        self._unpack = _unpacker()
         super().__init__(name, _open(name, port))
         # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
         self._mark = f"{name}/{os.urandom(8).hex()}"
@@ -59,7 +60,7 @@ class UdpLink(SocketLink):
         if self._mark_bytes in datagram:
             return None
         try:
-            frame = msgpack.unpackb(datagram)
+            frame = self._unpack(datagram)
             can_id, data = frame["arbitration_id"], frame["data"]
             extended = EXTENDED if frame["is_extended_id"] else 0
             others = frame["is_remote_frame"] or frame["is_error_frame"] or frame["is_fd"]
@@ -73,22 +74,41 @@ class UdpLink(SocketLink):
 
 
 def _open(name: str, port: int) -> UdpMulticastBus:
+    _probe(name, port)
     try:
         # A hop limit of 0 keeps the frames on this host.
         return UdpMulticastBus(GROUP, port=port, hop_limit=0, fd=False)
-    except can.CanInterfaceNotImplementedError as error:
-        raise BadInput(f"bus {name}: {error}; type: pip install msgpack") from error
-    except (can.CanError, OSError) as error:
-        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
-        number = cause.errno if isinstance(cause, OSError) else None
-        if number in (errno.ENODEV, errno.ENETUNREACH):
+    except can.CanError as error:
+        raise BadInput(f"bus {name}: UDP port {port} cannot be opened: {error}") from error
+
+
+def _probe(name: str, port: int) -> None:
+    """Find out what would keep python-can from opening the bus; its own errors do not tell.
+
+    Raises:
+        BadInput: there is no route for multicast, or another program has the port to itself.
+    """
+    with socket(AF_INET, SOCK_DGRAM) as probe:
+        probe.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)
+        probe.setsockopt(SOL_SOCKET, SO_REUSEPORT, 1)
+        if not _binds(probe, "", port):
+            raise BadInput(f"bus {name}: UDP port {port} is used by another program; take another port")
+        try:
+            probe.connect((GROUP, port))
+        except OSError as error:
             raise BadInput(
-                f"bus {name}: this machine has no route for multicast; "
-                "type: sudo ip link set lo up && sudo ip route add 239.0.0.0/8 dev lo"
+                f"bus {name}: this machine has no route for multicast ({error.strerror}); type:\n"
+                "  sudo ip link set lo up && sudo ip route add 239.0.0.0/8 dev lo"
             ) from error
-        if number == errno.EADDRINUSE:
-            raise BadInput(f"bus {name}: UDP port {port} is used by another program; use another") from error
-        raise BadInput(f"bus {name}: UDP port {port} cannot be opened: {cause}") from error
+
+
+def _unpacker() -> Callable[[bytes], Any]:
+    try:
+        from msgpack import unpackb
+    except ImportError as error:
+        raise BadInput("udp needs the package msgpack; type: pip install msgpack") from error
+    unpack: Callable[[bytes], Any] = unpackb
+    return unpack
 
 
 @contextmanager

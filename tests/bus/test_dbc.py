@@ -1,0 +1,137 @@
+"""The DBC files themselves: complete, consistent, fine enough, and in the order of a cycle."""
+
+import logging
+import warnings
+from collections import Counter
+
+import cantools
+import pytest
+
+from bench.bus import e2e
+from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
+
+FILES = ("vehicle.dbc", "v2v.dbc")
+CODECS = {file: Codec(DBC_DIR / file) for file in FILES}
+MESSAGES = [(file, message) for file in FILES for message in CODECS[file].database.messages]
+SIGNALS = [(file, message, signal) for file, message in MESSAGES for signal in message.signals]
+
+FINEST_NEEDED = {"m": 1e-3, "m/s": 1e-3, "rad": 1e-5, "rad/s": 1e-4, "Nm": 1.0}
+"""Quantisation must be below this for everything that drives something."""
+
+STATES = {
+    "Command",
+    "ActuatorState",
+    "ReferenceState",
+    "CommandState",
+    "State",
+    "Limit",
+    "SolverStatus",
+    "GainSource",
+}
+
+
+def name_of(value):
+    return getattr(value, "name", value)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_cantools_loads_it_strictly_without_a_warning(file, caplog):
+    with warnings.catch_warnings(), caplog.at_level(logging.INFO):
+        warnings.simplefilter("error")
+        database = cantools.database.load_file(DBC_DIR / file, strict=True)
+    assert not caplog.records
+    assert database.buses[0].comment
+    assert database.dbc.attributes["BusType"].value == "CAN"
+    assert database.dbc.attributes["Baudrate"].value == 500_000
+    assert all(node.comment for node in database.nodes)
+
+
+@pytest.mark.parametrize(("file", "message"), MESSAGES, ids=name_of)
+def test_message_is_complete(file, message):
+    nodes = {node.name for node in CODECS[file].database.nodes}
+    assert message.comment
+    assert message.frame_id < 2**11
+    assert not message.is_extended_frame
+    assert message.length == 8
+    assert len(message.senders) == 1
+    assert set(message.senders) <= nodes
+    assert message.cycle_time == 10
+    assert message.send_type == "Cyclic"
+    receivers = set().union(*(signal.receivers for signal in message.signals))
+    assert receivers
+    assert receivers <= nodes - set(message.senders)
+
+
+@pytest.mark.parametrize(("file", "message"), MESSAGES, ids=name_of)
+def test_no_two_signals_share_a_bit(file, message):  # noqa: ARG001
+    bits = Counter(bit for s in message.signals for bit in range(s.start, s.start + s.length))
+    assert max(bits) < 64
+    assert set(bits.values()) == {1}
+
+
+@pytest.mark.parametrize(("file", "message", "signal"), SIGNALS, ids=name_of)
+def test_signal_is_complete(file, message, signal):  # noqa: ARG001
+    assert signal.comment
+    assert signal.byte_order == "little_endian"
+    assert signal.raw_initial is not None
+    assert signal.minimum <= signal.raw_initial * signal.scale <= signal.maximum
+    if signal.scale != 1 and signal.name != "BoundaryMargin":
+        assert signal.unit
+    assert bool(signal.choices) == (signal.name in STATES)
+    if signal.choices:
+        assert sorted(signal.choices) == list(range(int(signal.maximum) + 1))
+
+
+@pytest.mark.parametrize(("file", "message", "signal"), SIGNALS, ids=name_of)
+def test_range_fits_into_the_bits(file, message, signal):  # noqa: ARG001
+    if signal.is_float:
+        assert signal.length == 32
+        return
+    low = -(1 << signal.length - 1) if signal.is_signed else 0
+    high = low + (1 << signal.length) - 1
+    assert low <= round(signal.minimum / signal.scale) < round(signal.maximum / signal.scale) <= high
+
+
+@pytest.mark.parametrize(("file", "message"), MESSAGES, ids=name_of)
+def test_what_drives_something_is_protected_and_fine_enough(file, message):
+    if message.frame_id >= 0x500 or message.name == "PlantBusHealth":
+        assert not CODECS[file].is_protected(message.frame_id)
+        return
+    assert CODECS[file].is_protected(message.frame_id)
+    assert [(s.name, s.start, s.length) for s in message.signals[:2]] == [
+        ("CRC", 0, 8),
+        ("AliveCounter", 8, 4),
+    ]
+    for signal in message.signals:
+        if signal.unit in FINEST_NEEDED:
+            assert signal.scale < FINEST_NEEDED[signal.unit]
+
+
+def test_data_ids_are_unique_and_no_crc_takes_one_for_another():
+    """CRC-8 maps 65536 data ids onto 256 values; with equal ones a frame could pass for another message."""
+    data_ids = {(m.name, m.frame_id): CODECS[f].data_id(m.name) for f, m in MESSAGES}
+    protected = [data_id for data_id in data_ids.values() if data_id]
+    assert len(protected) > 40
+    assert len(set(protected)) == len(protected)
+    assert len({e2e.crc_of_id(data_id) for data_id in protected}) == len(protected)
+
+
+def test_identifier_order_is_the_order_of_a_cycle():
+    codec = CODECS["vehicle.dbc"]
+    order = sorted(codec.database.messages, key=lambda m: m.frame_id)
+    driving = [m.senders[0] for m in order if codec.is_protected(m.frame_id)]
+    assert list(dict.fromkeys(driving)) == ["Conductor", "Plant", "Planner", "Tracker"]
+    timing = [m.name for m in order if codec.is_wall_clock(m.frame_id)]
+    assert timing == ["PlannerTiming", "TrackerTiming", "PlantTiming"]
+    assert [m.name for m in order[-3:]] == timing
+
+
+def test_every_vehicle_has_its_radio_messages():
+    codec = CODECS["v2v.dbc"]
+    assert not any(codec.is_wall_clock(codec.can_id(name)) for name in codec.names)
+    for vehicle in range(1, MAX_VEHICLES + 1):
+        for kind, base in (("Position", 0x100), ("Motion", 0x200)):
+            message = codec.message(f"V2V{kind}_{vehicle}")
+            assert message.frame_id == base + vehicle
+            assert message.senders == [f"Vehicle{vehicle}"]
+    assert len(codec.names) == 1 + 2 * MAX_VEHICLES
