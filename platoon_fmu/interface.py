@@ -1,0 +1,172 @@
+"""The FMU's variables, the one place that names them.
+
+Value references count through `VARIABLES` in order: states, their derivatives, the other outputs, inputs, parameters,
+start values. The C core relies on that order (fmi/model.h), the modelDescription and its indices follow it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+from platoon_fmu.parameters import VehicleParameters
+
+_WHEEL_NAMES = {"fl": "front left", "rl": "rear left", "rr": "rear right", "fr": "front right"}
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One scalar real variable of the FMU, in the terms of FMI.
+
+    Attributes:
+        name: as a user writes it.
+        causality: `output`, `local`, `input` or `parameter`.
+        variability: `continuous`, `tunable` or `fixed`.
+        unit: a name in `UNITS`.
+        description: one line, with the frame or the sign where it matters.
+        start: start value; None where the FMU calculates it.
+        minimum: least sensible value, or None.
+        maximum: greatest sensible value, or None.
+        nominal: usual magnitude, which an integrator scales its absolute tolerance with.
+        derivative_of: for a derivative, the name of its state.
+    """
+
+    name: str
+    causality: str
+    variability: str
+    unit: str
+    description: str
+    start: float | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    nominal: float | None = None
+    derivative_of: str | None = None
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit by its exponents of the SI base units and the radian, with the units a person may rather read.
+
+    Attributes:
+        exponents: base unit name to exponent.
+        display: display unit name to the factor a value in this unit is multiplied by.
+    """
+
+    exponents: dict[str, int]
+    display: dict[str, float]
+
+
+_DEGREES = 57.29577951308232
+
+UNITS = {
+    "1": Unit({}, {}),
+    "rad": Unit({"rad": 1}, {"deg": _DEGREES}),
+    "rad/s": Unit({"rad": 1, "s": -1}, {"deg/s": _DEGREES}),
+    "rad/s2": Unit({"rad": 1, "s": -2}, {"deg/s2": _DEGREES}),
+    "m": Unit({"m": 1}, {}),
+    "m/s": Unit({"m": 1, "s": -1}, {"km/h": 3.6}),
+    "m/s2": Unit({"m": 1, "s": -2}, {}),
+    "m2": Unit({"m": 2}, {}),
+    "s": Unit({"s": 1}, {}),
+    "kg": Unit({"kg": 1}, {}),
+    "kg/m3": Unit({"kg": 1, "m": -3}, {}),
+    "kg.m2": Unit({"kg": 1, "m": 2}, {}),
+    "N": Unit({"kg": 1, "m": 1, "s": -2}, {"kN": 1e-3}),
+    "N/s": Unit({"kg": 1, "m": 1, "s": -3}, {"kN/s": 1e-3}),
+    "N/rad": Unit({"kg": 1, "m": 1, "s": -2, "rad": -1}, {"kN/rad": 1e-3}),
+    "N.m": Unit({"kg": 1, "m": 2, "s": -2}, {"kN.m": 1e-3}),
+    "N.m/rad": Unit({"kg": 1, "m": 2, "s": -2, "rad": -1}, {"kN.m/rad": 1e-3}),
+    "N.m.s/rad": Unit({"kg": 1, "m": 2, "s": -1, "rad": -1}, {}),
+}
+_RATE_OF = {"m": "m/s", "rad": "rad/s", "m/s": "m/s2", "rad/s": "rad/s2", "N": "N/s"}
+
+
+def _state(name: str, unit: str, nominal: float, description: str) -> Variable:
+    return Variable(name, "output", "continuous", unit, description, nominal=nominal)
+
+
+def _output(name: str, unit: str, description: str) -> Variable:
+    return Variable(name, "output", "continuous", unit, description)
+
+
+def _input(name: str, unit: str, description: str, start: float = 0.0, **limits: Any) -> Variable:
+    return Variable(name, "input", "continuous", unit, description, start=start, **limits)
+
+
+def _start(name: str, unit: str, description: str) -> Variable:
+    return Variable(name, "parameter", "fixed", unit, description, start=0.0)
+
+
+def _per_wheel(prefix: str, unit: str, description: str) -> tuple[Variable, ...]:
+    return tuple(_output(f"{prefix}_{n}", unit, f"{description}, {where}") for n, where in _WHEEL_NAMES.items())
+
+
+STATES = (
+    _state("X", "m", 10.0, "position of the centre of mass, road axes"),
+    _state("Y", "m", 10.0, "position of the centre of mass, road axes, positive to the left"),
+    _state("psi", "rad", 1.0, "yaw angle from the road's X axis, not wrapped"),
+    _state("phi", "rad", 0.1, "roll angle of the sprung mass, positive leaning right"),
+    _state("v_x", "m/s", 10.0, "velocity of the centre of mass, forward"),
+    _state("v_y", "m/s", 1.0, "velocity of the centre of mass, to the left"),
+    _state("gamma", "rad/s", 0.1, "yaw rate"),
+    _state("p", "rad/s", 0.1, "roll rate"),
+    *(_state(f"omega_{n}", "rad/s", 50.0, f"spin of the wheel, {where}") for n, where in _WHEEL_NAMES.items()),
+    _state("load_transfer_x", "N", 1000.0, "load moved from the front to the rear axle, lagged"),
+    _state("load_transfer_y", "N", 1000.0, "load moved from left to right through roll centres, lagged"),
+)
+
+DERIVATIVES = tuple(
+    Variable(
+        f"der({s.name})", "local", "continuous", _RATE_OF[s.unit], f"time derivative of {s.name}", derivative_of=s.name
+    )
+    for s in STATES
+)
+
+OUTPUTS = (
+    _output("a_x", "m/s2", "acceleration of the centre of mass along the vehicle's x axis, dv_x/dt - v_y gamma"),
+    _output("a_y", "m/s2", "acceleration of the centre of mass along the vehicle's y axis, dv_y/dt + v_x gamma"),
+    _output("beta", "rad", "side-slip angle at the centre of mass (regularised at low speed)"),
+    *_per_wheel("F_x", "N", "longitudinal tyre force in wheel axes"),
+    *_per_wheel("F_y", "N", "lateral tyre force in wheel axes"),
+    *_per_wheel("F_z", "N", "tyre load"),
+    *_per_wheel("alpha", "rad", "tyre slip angle, positive where it pushes left (delta - q/v_x of the paper)"),
+    *_per_wheel("kappa", "1", "slip ratio (R_w omega - v)/|v|, positive driving (regularised at low speed)"),
+)
+
+INPUTS = (
+    _input("steering_angle", "rad", "road-wheel angle of both front wheels, positive to the left"),
+    *(_input(f"wheel_torque_{n}", "N.m", f"torque on the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
+    _input("lambda_f", "1", "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
+    _input("lambda_r", "1", "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
+    _input("mu", "1", "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
+    _input("force_x", "N", "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
+    _input("force_y", "N", "external force at the centre of mass along the vehicle's y axis (wind, slope)"),
+    _input("moment_z", "N.m", "external yaw moment"),
+)
+
+# The adhesion of the nominal road is the start value of the input mu, not a parameter of the vehicle.
+PARAMETERS = tuple(
+    Variable(
+        f.name,
+        "parameter",
+        "tunable",
+        f.metadata["unit"],
+        f"{f.metadata['description']} ({f.metadata['source']})",
+        start=f.default,
+        minimum=f.metadata["minimum"],
+        maximum=f.metadata["maximum"],
+    )
+    for f in fields(VehicleParameters)
+    if f.name != "mu_a"
+)
+
+STARTS = (
+    _start("X_start", "m", "start value of X"),
+    _start("Y_start", "m", "start value of Y"),
+    _start("psi_start", "rad", "start value of psi"),
+    _start("v_x_start", "m/s", "start value of v_x; the wheels start rolling with it"),
+    _start("v_y_start", "m/s", "start value of v_y"),
+    _start("gamma_start", "rad/s", "start value of gamma"),
+)
+
+VARIABLES = (*STATES, *DERIVATIVES, *OUTPUTS, *INPUTS, *PARAMETERS, *STARTS)

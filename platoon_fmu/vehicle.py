@@ -1,0 +1,172 @@
+"""The vehicle: longitudinal, lateral, yaw, roll and four wheel spins (8 degrees of freedom) and its pose.
+
+ISO 8855 axes: x forward, y left, z up; steering, yaw and roll positive as right-handed turns about z and x. Wheels in
+the paper's order: front left, rear left, rear right, front right. Nothing in here is solved: every quantity follows
+from the states, the inputs and the parameters, and the loop from tyre force over load back to tyre force is opened by
+the load-transfer states. The equations are written once, for CasADi's symbols; `build.py` turns them into C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from platoon_fmu import tyre
+from platoon_fmu.parameters import VehicleParameters
+
+SX = Any
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """One wheel: its name's suffix, its side (+1 left, -1 right) and whether it steers."""
+
+    name: str
+    side: int
+    front: bool
+
+
+WHEELS = (Wheel("fl", +1, True), Wheel("rl", +1, False), Wheel("rr", -1, False), Wheel("fr", -1, True))
+
+
+@dataclass(frozen=True)
+class WheelForces:
+    """What one wheel does: forces and slips in wheel axes [N, 1], and what reaches the body in vehicle axes."""
+
+    F_x: SX
+    F_y: SX
+    F_z: SX
+    kappa: SX
+    tan_alpha: SX
+    body_x: SX
+    body_y: SX
+    body_yaw: SX
+
+
+def _smooth_sign(z: SX) -> SX:
+    """The sign of z where |z| >= 1, with a once differentiable passage through zero between."""
+    z = ca.fmin(ca.fmax(z, -1), 1)
+    return z * (3 - z**2) / 2
+
+
+def _roll_height(P: VehicleParameters) -> SX:
+    """Height [m] by which the vehicle's centre of mass swings about the roll axis: m_s h_s / M."""
+    return P.m_s * P.h_s / P.M
+
+
+def _load(wheel: Wheel, x: Mapping[str, SX], P: VehicleParameters) -> SX:
+    """Load F_z [N] of a wheel: static, plus what the load-transfer states and the rolled body move; never negative."""
+    share = P.roll_share_f if wheel.front else 1 - P.roll_share_f
+    lever = (P.l_r if wheel.front else P.l_f) / P.L
+    static = P.F_zf if wheel.front else P.F_zr
+    through_springs = share * (P.K_phi * x["phi"] + P.C_phi * x["p"]) / P.l_t
+    to_right = through_springs + lever * x["load_transfer_y"]
+    to_rear = x["load_transfer_x"] / 2
+    return ca.fmax(static - wheel.side * to_right + (-to_rear if wheel.front else to_rear), 0)
+
+
+def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> WheelForces:
+    """Forces of one wheel from its own slips and load."""
+    x_i = P.l_f if wheel.front else -P.l_r
+    y_i = wheel.side * P.l_t / 2
+    delta = u["steering_angle"] if wheel.front else 0
+    c, s = (ca.cos(delta), ca.sin(delta)) if wheel.front else (1, 0)
+
+    # The contact point hangs below the centre of mass, so a rolling body drags it sideways.
+    v_xi = x["v_x"] - x["gamma"] * y_i
+    v_yi = x["v_y"] + x["gamma"] * x_i + _roll_height(P) * x["p"]
+    v_long, v_lat = c * v_xi + s * v_yi, -s * v_xi + c * v_yi
+
+    F_z = _load(wheel, x, P)
+    kappa, tan_alpha = tyre.slips(v_long, v_lat, P.R_w * x[f"omega_{wheel.name}"], P.v_slip)
+    lambda_axle = u["lambda_f"] if wheel.front else u["lambda_r"]
+    F_x, F_y = tyre.forces(
+        kappa,
+        tan_alpha,
+        C_x=P.C_x,
+        C_y=(P.C_f if wheel.front else P.C_r) * (1 + P.cornering_variation * lambda_axle),
+        F_z=F_z,
+        F_z0=P.F_zf if wheel.front else P.F_zr,
+        mu=u["mu"],
+        load_peak=P.load_peak,
+    )
+    # Rolling resistance acts on the body, not on the spin, so that T = R_w F_x in steady rolling.
+    along = F_x - P.mu_d * F_z * _smooth_sign(v_long / P.v_roll)
+    body_x, body_y = c * along - s * F_y, s * along + c * F_y
+    return WheelForces(F_x, F_y, F_z, kappa, tan_alpha, body_x, body_y, x_i * body_y - y_i * body_x)
+
+
+def equations(
+    x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters
+) -> tuple[dict[str, SX], dict[str, SX]]:
+    """The model: derivatives of the states and the outputs that are no states.
+
+    Args:
+        x: states by name (`interface.STATES`).
+        u: inputs by name (`interface.INPUTS`).
+        P: parameters; its fields may be symbols.
+
+    Returns:
+        (time derivatives by state name, outputs by name).
+    """
+    wheels = {wheel.name: _wheel(wheel, x, u, P) for wheel in WHEELS}
+    tyres_x = sum(w.body_x for w in wheels.values())
+    tyres_y = sum(w.body_y for w in wheels.values())
+    tyres_yaw = sum(w.body_yaw for w in wheels.values())
+
+    v_x, v_y, gamma, psi = x["v_x"], x["v_y"], x["gamma"], x["psi"]
+    a_x = (tyres_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
+    a_y = (tyres_y + u["force_y"]) / P.M
+
+    # Roll about the vehicle's centre of mass: forces there do no work on roll, tyre forces act h_roll below it.
+    h_roll = _roll_height(P)
+    I_roll = P.I_x + P.m_s * P.h_s**2 * (1 - P.m_s / P.M)
+    roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - P.K_phi * x["phi"] - P.C_phi * x["p"]
+
+    # The rest of the lateral moment h tyres_y does not pass through the springs but through roll centres and axles.
+    transfer_x = P.h * tyres_x / P.L
+    transfer_y = (P.h - h_roll) * tyres_y / P.l_t
+
+    derivatives = {
+        "X": v_x * ca.cos(psi) - v_y * ca.sin(psi),
+        "Y": v_x * ca.sin(psi) + v_y * ca.cos(psi),
+        "psi": gamma,
+        "phi": x["p"],
+        "v_x": a_x + v_y * gamma,
+        "v_y": a_y - v_x * gamma,
+        "gamma": (tyres_yaw + u["moment_z"]) / P.I_z,
+        "p": roll_moment / I_roll,
+        **{f"omega_{n}": (u[f"wheel_torque_{n}"] - P.R_w * w.F_x) / P.I_w for n, w in wheels.items()},
+        "load_transfer_x": (transfer_x - x["load_transfer_x"]) / P.tau_z,
+        "load_transfer_y": (transfer_y - x["load_transfer_y"]) / P.tau_z,
+    }
+    outputs = {
+        "a_x": a_x,
+        "a_y": a_y,
+        "beta": ca.atan(v_y / tyre.regularised_speed(v_x, P.v_slip)),
+        **{f"F_x_{n}": w.F_x for n, w in wheels.items()},
+        **{f"F_y_{n}": w.F_y for n, w in wheels.items()},
+        **{f"F_z_{n}": w.F_z for n, w in wheels.items()},
+        **{f"alpha_{n}": ca.atan(w.tan_alpha) for n, w in wheels.items()},
+        **{f"kappa_{n}": w.kappa for n, w in wheels.items()},
+    }
+    return derivatives, outputs
+
+
+def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX]:
+    """The states at the start: the given pose and motion, wheels rolling freely, body level, static loads.
+
+    Args:
+        start: start parameters by name (`interface.STARTS`).
+        P: parameters; its fields may be symbols.
+    """
+    rolling = {
+        f"omega_{wheel.name}": (start["v_x_start"] - start["gamma_start"] * wheel.side * P.l_t / 2) / P.R_w
+        for wheel in WHEELS
+    }
+    given = {name: start[f"{name}_start"] for name in ("X", "Y", "psi", "v_x", "v_y", "gamma")}
+    level = {name: ca.SX(0) for name in ("phi", "p", "load_transfer_x", "load_transfer_y")}
+    return {**given, **rolling, **level}
