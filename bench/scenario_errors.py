@@ -53,8 +53,9 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
         source: the file and the options it was made from.
         schema: the scenario's JSON schema, for the allowed ranges and keys.
     """
+    details = error.errors(include_url=False)
     problems = [
-        (path, text) for detail in error.errors(include_url=False) for path, text in _problems(detail, schema)
+        (path, text) for detail in details if not _is_echo(detail, details) for path, text in _problems(detail, schema)
     ]
     lines = []
     for path, text in problems:
@@ -115,6 +116,14 @@ def _enter(key: Path, is_entry: bool, entries: dict[Path, int]) -> Path:
     return path
 
 
+def _is_echo(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
+    """Whether pydantic finds a list too short only because it does not count the entries it refused."""
+    path = detail["loc"]
+    return detail["type"] == "too_short" and any(
+        len(other["loc"]) > len(path) and other["loc"][: len(path)] == path for other in details
+    )
+
+
 def _problems(detail: ErrorDetails, schema: Mapping[str, Any]) -> list[tuple[Path, str]]:
     """Return the problems one of pydantic's errors stands for, each with the path of its key."""
     context = detail.get("ctx", {})
@@ -142,13 +151,15 @@ def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Map
         near = closest(str(path[-1]), keys)
         meant = f"did you mean {dotted((*path[:-1], near))}? " if near else ""
         return f"is no key of a scenario; {meant}allowed: {', '.join(keys)}"
-    if kind in ("missing", "union_tag_not_found"):
+    if kind == "union_tag_not_found":
+        return f"has no kind; allowed: {_allowed(node)}"
+    if kind == "missing":
         return f"is missing; allowed: {_allowed(node)}"
     given = _shown(detail["input"])
     if kind in ("too_short", "too_long"):
         return f"has {detail['ctx']['actual_length']} entries; allowed: {_allowed(node)}"
     if kind == "union_tag_invalid":
-        return f"has the kind {detail['ctx']['tag']}; allowed: {_allowed(node)}"
+        return f"has the kind {_shown(detail['input'].get('kind'))}; allowed: {_allowed(node)}"
     return f"= {given} is not allowed; allowed: {_allowed(node)}"
 
 

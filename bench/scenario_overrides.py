@@ -49,7 +49,8 @@ def _child(node: Any, part: str | int, override: str, path: Sequence[str | int])
 
 
 def _cannot_hold(node: Any, part: str | int, override: str, path: Sequence[str | int]) -> str:
-    kind = {dict: "a table", list: "a list (use an index)"}.get(type(node), f"the value {node!r}")
+    kinds: dict[type, str] = {dict: "a table", list: "a list (give an index)"}
+    kind = kinds.get(type(node), f"the value {node!r}")
     holder = ".".join(map(str, path)) or "a scenario"
     return f"--set {override}: {holder} is {kind} and cannot hold {part!r}"
 
