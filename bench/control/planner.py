@@ -1,0 +1,308 @@
+"""The planning level: one vehicle's reference from its own state and what it hears of the others.
+
+Slots d apart behind the leader slot move at the platoon's speed along the platoon's lane (Fig. 4, "target projection").
+Slot order follows the longitudinal order in which the vehicles start, so that nobody has to overtake; the leader slot
+starts where the slots' middle is the vehicles' middle, so that the vehicles together move least. Every vehicle works
+both out for itself from the same first broadcasts, and all arrive at the same answer.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from numpy.typing import NDArray
+
+from bench.control.boundaries import Limit, admissible, boundaries, yaw_rate_max
+from bench.control.flocking import acceleration
+from bench.control.genetic import GeneticSettings, search
+from bench.control.near_identity import check_length, input_rates, point, velocity
+from platoon_fmu.parameters import VehicleParameters
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """Settings of the planner.
+
+    Attributes:
+        planning_interval_s: how often the gains are optimised; a multiple of the cycle.
+        near_identity_length_m: l of the near-identity diffeomorphism.
+        adhesion: the tyre-road adhesion mu_a that the planner reckons with.
+        boundary_share: part of the stability boundaries that a reference may use; the rest is for tracking errors.
+        acceleration_max_mps2: largest acceleration and braking asked for.
+        yaw_acceleration_max_radps2: largest change of the yaw rate asked for.
+        speed_min_mps: lowest speed asked for.
+        speed_max_mps: highest speed asked for.
+        sigma_eps: eps of the sigma-norm.
+        reach_factor: r / d, how far neighbours are heard, in gaps.
+        bump_flat: G_h of the bump function.
+        genetic: settings of the search.
+    """
+
+    planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
+    near_identity_length_m: float = 0.9
+    adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
+    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.8
+    acceleration_max_mps2: Annotated[float, Gt(0), Le(10)] = 3.0
+    yaw_acceleration_max_radps2: Annotated[float, Gt(0), Le(20)] = 1.5
+    speed_min_mps: Annotated[float, Ge(1)] = 5.0
+    speed_max_mps: Annotated[float, Le(60)] = 45.0
+    sigma_eps: Annotated[float, Gt(0)] = 0.1
+    reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
+    bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2
+    genetic: GeneticSettings = field(default_factory=GeneticSettings)
+
+
+@dataclass(frozen=True)
+class PlatoonGoal:
+    """What is to be formed.
+
+    Attributes:
+        lane_y: lateral position of the platoon's lane, m.
+        speed: m/s.
+        gap: distance d between the centres of mass of successive vehicles, m.
+    """
+
+    lane_y: float
+    speed: float
+    gap: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A vehicle's planar motion as its neighbours know it.
+
+    Attributes:
+        X: position of the centre of mass along the road, m.
+        Y: position to the left, m.
+        speed: of the centre of mass, m/s.
+        course: direction of motion in the road frame, rad.
+        yaw_rate: rad/s.
+    """
+
+    X: float
+    Y: float
+    speed: float
+    course: float
+    yaw_rate: float
+
+    def later(self, time_s: float) -> "Motion":
+        """The same vehicle `time_s` seconds later, if it keeps its velocity."""
+        way = self.speed * time_s
+        return Motion(
+            self.X + way * np.cos(self.course),
+            self.Y + way * np.sin(self.course),
+            self.speed,
+            self.course,
+            self.yaw_rate,
+        )
+
+
+@dataclass(frozen=True)
+class PlannerOutput:
+    """One step of the planner.
+
+    Attributes:
+        v_x: reference speed of the next cycle, m/s.
+        yaw_rate: reference yaw rate of the next cycle, rad/s.
+        limit: the boundary that bound.
+        margin: 1 - |gamma| / gamma_max of the reference.
+        slot: from 1 at the head; 0 while the others have not all been heard.
+        target: (2,) slot position now, m.
+        neighbours: how many vehicles are within reach.
+        gains: (6,) Lambda in use.
+        cost: of the last search.
+        optimise_s: wall-clock time of this step's search, 0 where there was none, s.
+    """
+
+    v_x: float
+    yaw_rate: float
+    limit: Limit
+    margin: float
+    slot: int
+    target: Vector
+    neighbours: int
+    gains: Vector
+    cost: float
+    optimise_s: float
+
+
+def slot_order(starts: Sequence[tuple[float, float]]) -> list[int]:
+    """For each vehicle its slot from 0 at the head, by longitudinal order; side by side, the left one goes first."""
+    order = sorted(range(len(starts)), key=lambda i: (-starts[i][0], -starts[i][1], i))
+    slots = [0] * len(starts)
+    for slot, vehicle in enumerate(order):
+        slots[vehicle] = slot
+    return slots
+
+
+class Planner:
+    """Plans one vehicle's speed and yaw-rate reference.
+
+    Args:
+        settings: of the planner.
+        goal: the platoon to form.
+        vehicle: nominal parameters, for the boundaries.
+        number: this vehicle's number, from 1.
+        count: how many vehicles there are.
+        seed: of the search; with the number and the interval it fixes all random numbers.
+        step_s: cycle time T, s.
+
+    Raises:
+        ValueError: the near-identity length does not suit the fastest speed, or the interval is no multiple of T.
+    """
+
+    def __init__(
+        self,
+        settings: PlannerSettings,
+        goal: PlatoonGoal,
+        vehicle: VehicleParameters,
+        number: int,
+        count: int,
+        seed: int,
+        step_s: float,
+    ) -> None:
+        check_length(settings.near_identity_length_m, settings.speed_max_mps, step_s)
+        self.settings = settings
+        self._goal = goal
+        self._number = number
+        self._count = count
+        self._seed = seed
+        self._step_s = step_s
+        self._interval = planning_cycles(settings.planning_interval_s, step_s)
+        self._length = settings.near_identity_length_m
+        self._limits = boundaries(
+            vehicle,
+            settings.adhesion,
+            settings.boundary_share,
+            settings.acceleration_max_mps2,
+            settings.yaw_acceleration_max_radps2,
+            settings.speed_min_mps,
+            settings.speed_max_mps,
+        ).as_vector()
+        self._field = np.array([settings.sigma_eps, goal.gap, settings.reach_factor * goal.gap, settings.bump_flat])
+        self._lower, self._upper = settings.genetic.bounds()
+        self._weights = settings.genetic.weights()
+        self._gains: Vector = 0.5 * (self._lower + self._upper)
+        self._cost = 0.0
+        self._reference: tuple[float, float] | None = None
+        self._slot: int | None = None
+        self._leader_start = 0.0
+        self._leader_time = 0.0
+
+    def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> None:
+        """Fix slots and the leader slot's start from where all vehicles (by number) were at `time_s`."""
+        numbers = sorted(starts)
+        slots = slot_order([(starts[n].X, starts[n].Y) for n in numbers])
+        self._slot = slots[numbers.index(self._number)]
+        middle = sum(starts[n].X for n in numbers) / len(numbers)
+        self._leader_start = middle + 0.5 * (len(numbers) - 1) * self._goal.gap
+        self._leader_time = time_s
+
+    @property
+    def assigned(self) -> bool:
+        """Slots have been assigned."""
+        return self._slot is not None
+
+    def step(self, cycle: int, time_s: float, own: Motion, v_x: float, peers: Mapping[int, Motion]) -> PlannerOutput:
+        """One cycle: optimise where an interval begins, then advance the reference by (15).
+
+        Args:
+            cycle: number of the cycle.
+            time_s: s.
+            own: own motion now.
+            v_x: own longitudinal velocity now, from which the first reference starts, m/s.
+            peers: the others' motion now, by number.
+        """
+        if self._reference is None:
+            self._reference = (min(max(v_x, self._limits[6]), self._limits[7]), 0.0)
+        v, gamma = self._reference
+        if self._slot is None:
+            return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, 0.0)
+
+        target = np.array(
+            [
+                self._leader_start + self._goal.speed * (time_s - self._leader_time) - self._slot * self._goal.gap,
+                self._goal.lane_y,
+            ]
+        )
+        peers_q, peers_p = self._points(peers)
+        optimise_s = 0.0
+        if cycle % self._interval == 0:
+            begin = perf_counter()
+            self._optimise(cycle // self._interval, own, v, gamma, target, peers_q, peers_p)
+            optimise_s = perf_counter() - begin
+
+        q = np.array(point(own.X, own.Y, own.course, self._length))
+        p = np.array(velocity(own.course, v, gamma, self._length))
+        q_hat = target + np.array([self._length, 0.0])
+        p_hat = np.array([self._goal.speed, 0.0])
+        u_x, u_y = acceleration(q, p, peers_q, peers_p, q_hat, p_hat, self._gains, *self._field)
+        v_rate, gamma_rate = input_rates(own.course, v, gamma, self._length, u_x, u_y)
+        v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, self._limits)
+        self._reference = (v, gamma)
+        near = int((np.hypot(*(peers_q - q).T) < self._field[2]).sum())
+        return self._output(v, gamma, Limit(bound), target, near, optimise_s)
+
+    def _points(self, peers: Mapping[int, Motion]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The others' points S (n, 2) and velocities W (n, 2), in order of their numbers."""
+        ordered = [peers[n] for n in sorted(peers)]
+        q = [point(m.X, m.Y, m.course, self._length) for m in ordered]
+        p = [velocity(m.course, m.speed, m.yaw_rate, self._length) for m in ordered]
+        return np.array(q).reshape(-1, 2), np.array(p).reshape(-1, 2)
+
+    def _optimise(
+        self,
+        interval: int,
+        own: Motion,
+        v: float,
+        gamma: float,
+        target: Vector,
+        peers_q: NDArray[np.float64],
+        peers_p: NDArray[np.float64],
+    ) -> None:
+        g = self.settings.genetic
+        seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1)[0])
+        self._gains, self._cost = search(
+            self._gains,
+            self._lower,
+            self._upper,
+            g.population,
+            g.generations,
+            g.mutation,
+            seed,
+            np.array([own.X, own.Y, own.course, v, gamma]),
+            target,
+            self._goal.speed,
+            peers_q,
+            peers_p,
+            self._field,
+            self._limits,
+            self._length,
+            self._weights,
+            g.horizon_steps,
+            g.horizon_step_s,
+        )
+
+    def _output(
+        self, v: float, gamma: float, limit: Limit, target: Vector, neighbours: int, optimise_s: float
+    ) -> PlannerOutput:
+        margin = 1.0 - abs(gamma) / yaw_rate_max(v, self._limits[0])
+        slot = 0 if self._slot is None else self._slot + 1
+        return PlannerOutput(v, gamma, limit, margin, slot, target, neighbours, self._gains, self._cost, optimise_s)
+
+
+def planning_cycles(interval_s: float, step_s: float) -> int:
+    """How many cycles a planning interval has.
+
+    Raises:
+        ValueError: the interval is not a multiple of the cycle.
+    """
+    cycles = round(interval_s / step_s)
+    if cycles < 1 or abs(cycles * step_s - interval_s) > 1e-9:
+        raise ValueError(f"planning interval {interval_s} s must be a multiple of the cycle, {step_s:g} s")
+    return cycles

@@ -1,0 +1,73 @@
+"""The reference input: what input takes the model from one reference state to the next, (21)-(23).
+
+A sequential quadratic programme on the nonlinear model: each pass linearises the model about the input found so
+far and solves a box-constrained quadratic programme.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.control.allocation import Allocation
+from bench.control.quadratic import minimise
+from bench.control.vehicle_model import VehicleModel
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReferenceInput:
+    """The reference input of one step.
+
+    Attributes:
+        u: (3,) virtual input [delta, F, M] (rad, N, N m).
+        residual: (3,) state by which the model driven by it misses the next reference state; what the input
+            bounds and weights leave over is a known disturbance.
+        solved: every quadratic programme was solved.
+    """
+
+    u: Vector
+    residual: Vector
+    solved: bool
+
+
+def reference_input(
+    model: VehicleModel,
+    allocation: Allocation,
+    xi: Vector,
+    xi_next: Vector,
+    start: Vector,
+    state_weight: Vector,
+    input_weight: Vector,
+    passes: int = 2,
+) -> ReferenceInput:
+    """Solve (21)-(22) from a reference state to the next one.
+
+    Args:
+        model: the nonlinear model f of (22).
+        allocation: virtual inputs and their limits.
+        xi: (3,) this step's reference state.
+        xi_next: (3,) the next step's.
+        start: (3,) virtual input to start from (the last step's).
+        state_weight: (3,) diagonal of Q_1, per squared state unit.
+        input_weight: (3,) diagonal of R_1, for each input in units of its limit.
+        passes: quadratic programmes solved; two reach the optimum to rounding, f being bilinear in U.
+    """
+    limit = allocation.limit
+    ones = np.ones(limit.size)
+    z = np.clip(start / limit, -ones, ones)
+    solved = True
+    for _ in range(passes):
+        U = allocation.matrix @ (limit * z)
+        B = model.linearise(xi, U).B @ allocation.matrix * limit
+        miss = model.step(xi, U) - xi_next - B @ z
+        weighted = B.T * state_weight
+        found = minimise(weighted @ B + np.diag(input_weight), weighted @ miss, -ones, ones)
+        if not found.solved:
+            solved = False
+            break
+        z = found.x
+    u = limit * z
+    residual = model.step(xi, allocation.matrix @ u) - xi_next
+    return ReferenceInput(u, residual, solved)

@@ -1,0 +1,277 @@
+"""The tracking level: reference input, observer, target and robust MPC in one step, (21)-(23) and (37)-(62)."""
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from numpy.typing import NDArray
+
+from bench.control.allocation import allocate
+from bench.control.lqr import lqr_gain
+from bench.control.observer import DisturbanceObserver, design_gain
+from bench.control.reference import reference_input
+from bench.control.rmpc import Gain, RobustController
+from bench.control.semidefinite import SolverStatus
+from bench.control.target import Target, steady_state_target
+from bench.control.vehicle_model import LinearModel, VehicleModel
+from platoon_fmu.parameters import VehicleParameters
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+SLOWEST_MPS = 3.0
+"""The control model divides by v_x: below this speed (m/s) it is evaluated at this speed."""
+
+Positive = Annotated[float, Gt(0)]
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Settings of the tracker.
+
+    Attributes:
+        offset_free: use the disturbance estimate in the target; false only to show what it is good for.
+        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own (four vertices);
+            false is the paper's lambda_f = lambda_r (two).
+        observer_rate: decay rate rho of the observer's error in one cycle.
+        steering_max_rad: largest front steering angle.
+        steering_rate_max_radps: its largest rate.
+        wheel_force_max_n: largest drive or brake force of one wheel.
+        wheel_force_rate_max_nps: its largest rate.
+        yaw_moment_share: part of the wheels' force set aside for the yaw moment.
+        speed_unit_mps: deviation in v_x that costs as much in the robust MPC as one unit of the others.
+        lateral_speed_unit_mps: the same for v_y.
+        yaw_rate_unit_radps: the same for gamma.
+        steering_unit_rad: the same for the steering angle, at `input_weight` 1.
+        force_unit_n: the same for the total drive force.
+        yaw_moment_unit_nm: the same for the yaw moment.
+        input_weight: weight R of the inputs against Q = I.
+        solver_tolerance: of the semidefinite programme; its answer is certified whatever this is.
+        solver_max_iterations: of the semidefinite programme.
+    """
+
+    offset_free: bool = True
+    independent_axles: bool = True
+    observer_rate: Annotated[float, Ge(0.5), Lt(1)] = 0.9
+    steering_max_rad: Annotated[float, Gt(0), Le(1)] = 0.5
+    steering_rate_max_radps: Positive = 3.0
+    wheel_force_max_n: Positive = 3000.0
+    wheel_force_rate_max_nps: Positive = 60_000.0
+    yaw_moment_share: Annotated[float, Gt(0), Lt(1)] = 0.25
+    speed_unit_mps: Positive = 1.0
+    lateral_speed_unit_mps: Positive = 5.0
+    yaw_rate_unit_radps: Positive = 0.2
+    steering_unit_rad: Positive = 0.1
+    force_unit_n: Positive = 2000.0
+    yaw_moment_unit_nm: Positive = 1000.0
+    input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
+    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-4)] = 1e-5
+    solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40
+
+
+class GainSource(enum.IntEnum):
+    """Where the feedback of a step came from; the values are those of the bus signal `GainSource`."""
+
+    SDP = 0
+    PREVIOUS_GAIN = 1
+    LQR = 2
+    NONE = 3
+
+
+@dataclass(frozen=True)
+class TrackerOutput:
+    """One step of the tracker.
+
+    Attributes:
+        steering: front steering angle, rad.
+        wheel_forces: (4,) longitudinal forces F_x1..F_x4, N.
+        reference: (3,) reference state of this step [v_x, v_y, gamma].
+        reference_u: (3,) reference input [delta, F, M].
+        disturbance: (3,) estimate [m/s^2, m/s^2, rad/s^2].
+        target: (3,) steady-state target, deviation from the reference.
+        tau: certified bound of the worst cost; 0 where no programme was certified.
+        status: how the semidefinite programme ended.
+        source: where the feedback came from.
+        iterations: of the solver.
+        solve_s: wall-clock time of the semidefinite programme with its certificate, s.
+    """
+
+    steering: float
+    wheel_forces: Vector
+    reference: Vector
+    reference_u: Vector
+    disturbance: Vector
+    target: Vector
+    tau: float
+    status: SolverStatus
+    source: GainSource
+    iterations: int
+    solve_s: float
+
+
+@dataclass(frozen=True)
+class _Step:
+    """What the observer needs of a step once it is known what was applied."""
+
+    A: Matrix
+    B: Matrix
+    xi_ref: Vector
+    u_ref: Vector
+    drift: Vector
+
+
+class Tracker:
+    """Tracks [v_x, gamma] references without offset, for every cornering stiffness in the allowed range.
+
+    Args:
+        settings: weights and limits.
+        vehicle: nominal parameters.
+        step_s: cycle time T, s.
+
+    Raises:
+        ValueError: the observer rate cannot be reached.
+    """
+
+    # Per squared unit of state, and of each input's limit: the next reference is met, v_y least exactly, and by
+    # steering rather than by yaw moment.
+    _REFERENCE_STATE = np.array([1.0, 1e-3, 10.0])
+    _REFERENCE_INPUT = np.array([1e-7, 1e-7, 1e-5])
+    _OBSERVER_SPEEDS_MPS = (5.0, 10.0, 20.0, 40.0)
+
+    def __init__(self, settings: TrackerSettings, vehicle: VehicleParameters, step_s: float) -> None:
+        self.settings = settings
+        self.model = VehicleModel(vehicle, step_s)
+        self._allocation = allocate(
+            vehicle, settings.steering_max_rad, settings.wheel_force_max_n, settings.yaw_moment_share
+        )
+        self._rate = step_s * np.array(
+            [
+                settings.steering_rate_max_radps,
+                4.0 * settings.wheel_force_rate_max_nps * (1.0 - settings.yaw_moment_share),
+                2.0 * vehicle.l_t * settings.wheel_force_rate_max_nps * settings.yaw_moment_share,
+            ]
+        )
+        corners = [(1.0, 1.0), (-1.0, -1.0)]
+        if settings.independent_axles:
+            corners += [(1.0, -1.0), (-1.0, 1.0)]
+        self._corners: Sequence[tuple[float, float]] = corners
+        self._state_unit = np.array(
+            [settings.speed_unit_mps, settings.lateral_speed_unit_mps, settings.yaw_rate_unit_radps]
+        )
+        self._input_unit = np.array([settings.steering_unit_rad, settings.force_unit_n, settings.yaw_moment_unit_nm])
+        self._controller = RobustController(
+            self._state_unit,
+            self._input_unit,
+            settings.input_weight,
+            len(corners),
+            settings.solver_tolerance,
+            settings.solver_max_iterations,
+        )
+        straight = [self.model.linearise(np.array([v, 0.0, 0.0]), np.zeros(5)).A for v in self._OBSERVER_SPEEDS_MPS]
+        self._observer = DisturbanceObserver(design_gain(straight, step_s, settings.observer_rate), step_s)
+        self._last: _Step | None = None
+        self._u_last: Vector = np.zeros(3)
+        self._u_ref_last: Vector = np.zeros(3)
+        self._gain_last: Matrix | None = None
+
+    def step(
+        self, xi: Vector, now: tuple[float, float], then: tuple[float, float], applied: Vector | None = None
+    ) -> TrackerOutput:
+        """One cycle.
+
+        Args:
+            xi: (3,) measured state [v_x, v_y, gamma].
+            now: this cycle's reference (v_x, gamma), m/s and rad/s.
+            then: the next cycle's.
+            applied: (3,) virtual input the actuators really applied since the last step, where it was not the
+                one returned then.
+        """
+        xi = np.array([max(xi[0], SLOWEST_MPS), xi[1], xi[2]])
+        xi_ref, xi_next = self._reference_state(now), self._reference_state(then)
+        u_last = self._u_last if applied is None else applied
+
+        if self._last is not None:
+            self._observer.predict(
+                self._last.A, self._last.B, self._last.xi_ref, u_last - self._last.u_ref, self._last.drift
+            )
+        disturbance = self._observer.correct(xi)
+
+        reference = reference_input(
+            self.model,
+            self._allocation,
+            xi_ref,
+            xi_next,
+            self._u_ref_last,
+            self._REFERENCE_STATE,
+            self._REFERENCE_INPUT,
+        )
+        linear = self.model.linearise(xi_ref, self._allocation.matrix @ reference.u)
+        B = linear.B @ self._allocation.matrix
+        known = reference.residual
+        if self.settings.offset_free:
+            known = known + self.model.step_s * disturbance
+        target = self._target(linear.A, B, known, reference.u, u_last)
+
+        chi = xi - xi_ref - target.xi
+        start = perf_counter()
+        gain = self._solve(linear, chi, reference.u + target.u)
+        solve_s = perf_counter() - start
+        K, source = self._choose(gain, linear.A, B)
+
+        u = reference.u + target.u + K @ chi
+        u = np.clip(u, u_last - self._rate, u_last + self._rate)
+        u = np.clip(u, -self._allocation.limit, self._allocation.limit)
+
+        drift = xi_next + reference.residual
+        self._last = _Step(linear.A, B, xi_ref, reference.u, drift)
+        self._u_last, self._u_ref_last = u, reference.u
+        U = self._allocation.matrix @ u
+        return TrackerOutput(
+            steering=float(U[0]),
+            wheel_forces=U[1:],
+            reference=xi_ref,
+            reference_u=reference.u,
+            disturbance=disturbance,
+            target=target.xi,
+            tau=gain.tau if gain.usable else 0.0,
+            status=gain.status,
+            source=source,
+            iterations=gain.iterations,
+            solve_s=solve_s,
+        )
+
+    def _reference_state(self, reference: tuple[float, float]) -> Vector:
+        v_x = max(reference[0], SLOWEST_MPS)
+        gamma = reference[1]
+        return np.array([v_x, self.model.steady_lateral_velocity(v_x, gamma), gamma])
+
+    def _target(self, A: Matrix, B: Matrix, known: Vector, u_ref: Vector, u_last: Vector) -> Target:
+        # A little of each input's range is kept for the feedback, whose bounds are symmetric about the target.
+        limit = 0.95 * self._allocation.limit
+        lower = np.maximum(-limit, np.minimum(u_last, limit) - self._rate)
+        upper = np.minimum(limit, np.maximum(u_last, -limit) + self._rate)
+        return steady_state_target(A, B, known, u_ref, lower, upper, self._state_unit, self._allocation.limit)
+
+    def _solve(self, linear: LinearModel, chi: Vector, u_target: Vector) -> Gain:
+        limit = self._allocation.limit
+        room = np.maximum(limit - np.abs(u_target), 0.02 * limit)
+        models = []
+        for corner in self._corners:
+            A, B = linear.at(*corner)
+            models.append((A, B @ self._allocation.matrix))
+        return self._controller.solve(models, chi, room)
+
+    def _choose(self, gain: Gain, A: Matrix, B: Matrix) -> tuple[Matrix, GainSource]:
+        """The certified gain of this step, else the last certified one, else the nominal linear-quadratic one."""
+        if gain.usable:
+            self._gain_last = gain.K
+            return gain.K, GainSource.SDP
+        if self._gain_last is not None:
+            return self._gain_last, GainSource.PREVIOUS_GAIN
+        Q = np.diag(self._state_unit**-2.0)
+        R = np.diag(self.settings.input_weight * self._input_unit**-2.0)
+        return lqr_gain(A, B, Q, R), GainSource.LQR
