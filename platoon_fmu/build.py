@@ -1,7 +1,7 @@
 """Builds Vehicle.fmu: equations -> C -> binary -> modelDescription -> zip.
 
-The same inputs give the same bytes. An FMU whose inputs have not changed is not built again; finding that out reads a
-few files and imports nothing heavy, since a start of the bench passes through here.
+The same inputs give the same bytes. An FMU whose inputs have not changed is not built again; finding that out
+reads a few files and imports nothing heavy, since a start of the bench passes through here.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ IDENTIFIER = "Vehicle"
 SOLVER_STEP_S = 0.001
 VERSION = "1.0"
 
-# No contraction to fused multiply-adds: every processor then rounds alike. No errno: nobody reads it after a sqrt.
+# No contraction to fused multiply-adds: every processor then rounds alike. No errno: nobody reads it after sqrt.
 COMPILER_FLAGS = ("-std=c99", "-O2", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden")
 LINKER_FLAGS = ("-shared", "-s", "-lm")
 
@@ -79,7 +79,8 @@ def _compiler() -> str:
         if path is not None:
             return path
     raise FmuError(
-        "no C compiler found (looked for cc, gcc, clang): building the FMU needs one; on Debian: apt install gcc libc6-dev"
+        "no C compiler found (looked for cc, gcc, clang), which building the FMU needs; "
+        "on Debian: apt install gcc libc6-dev"
     )
 
 
@@ -91,7 +92,7 @@ def _run(command: list[str], directory: Path) -> str:
 
 
 def _fingerprint() -> str:
-    """A hash of all that the FMU's bytes depend on: this package, the standard's headers, the tools and their options."""
+    """A hash of all that the FMU's bytes depend on: this package, the standard's headers, the tools."""
     digest = hashlib.sha256()
     files = [*sorted(_PACKAGE.glob("*.py")), *sorted(_PACKAGE.glob("fmi/*.[ch]"))]
     files += [_standard_headers() / name for name in _STANDARD_HEADERS]
@@ -129,7 +130,7 @@ def _is_current(fmu: Path, record: Path, fingerprint: str) -> bool:
 def _sources() -> tuple[dict[str, bytes], bytes]:
     """The files of sources/ by name, and the modelDescription."""
     # CasADi takes long to import, and is needed only here.
-    from platoon_fmu import codegen, interface, model_description
+    from platoon_fmu import codegen, model_description
 
     model = codegen.symbolic_model()
     headers = _standard_headers()
@@ -159,14 +160,15 @@ def _sources() -> tuple[dict[str, bytes], bytes]:
 
 
 def _compile(sources: dict[str, bytes], suffix: str) -> bytes:
-    """The shared library. Compiled in a folder of its own with relative names, so that no path gets into it."""
+    """The shared library, compiled in a folder of its own with relative names: no path gets into it."""
     compiler = _compiler()
     with tempfile.TemporaryDirectory(prefix="vehicle-fmu-") as folder:
         directory = Path(folder)
         for name, content in sources.items():
             (directory / name).write_bytes(content)
         library = f"{IDENTIFIER}{suffix}"
-        _run([compiler, *COMPILER_FLAGS, *_HAND_WRITTEN, *_GENERATED, "-o", library, *LINKER_FLAGS], directory)
+        inputs = (*_HAND_WRITTEN, *_GENERATED)
+        _run([compiler, *COMPILER_FLAGS, *inputs, "-o", library, *LINKER_FLAGS], directory)
         return (directory / library).read_bytes()
 
 
@@ -218,7 +220,7 @@ def build(directory: Path, *, on_start: Callable[[], None] | None = None) -> Pat
 
 
 def default_directory() -> Path:
-    """Where `make setup` builds: build/ of the project, or of the working directory for an installed package."""
+    """Where `make setup` builds: build/ of the project; for an installed package, of the working directory."""
     root = _PROJECT if (_PROJECT / "pyproject.toml").is_file() else Path.cwd()
     return root / "build"
 

@@ -1,4 +1,4 @@
-"""The model's C: CasADi's functions for the equations, and the table that hands them to the core (fmi/model.h)."""
+"""The model's C: CasADi's functions for the equations, and their table for the core (fmi/model.h)."""
 
 from __future__ import annotations
 
@@ -70,9 +70,7 @@ def _names(variables: Sequence[Variable]) -> list[str]:
     return [variable.name for variable in variables]
 
 
-def _dependencies(
-    unknowns: list[str], expressions: Any, knowns: list[str], symbols: Any
-) -> dict[str, tuple[str, ...]]:
+def _dependencies(unknowns: list[str], expressions: Any, knowns: list[str], symbols: Any) -> dict[str, tuple[str, ...]]:
     """For each unknown the knowns that its expression contains."""
     found: dict[str, list[str]] = {unknown: [] for unknown in unknowns}
     for row, column in zip(*ca.jacobian_sparsity(expressions, symbols).get_triplet(), strict=True):
@@ -96,7 +94,7 @@ def dependencies(model: SymbolicModel) -> tuple[dict[str, tuple[str, ...]], dict
 
 
 def equations_c(model: SymbolicModel) -> str:
-    """C source with the functions vehicle_derivatives, vehicle_outputs and vehicle_initial in CasADi's calling form."""
+    """C source of vehicle_derivatives, vehicle_outputs and vehicle_initial, in CasADi's calling form."""
     functions = [
         ca.Function("vehicle_derivatives", [model.x, model.u, model.p], [model.derivatives]),
         ca.Function("vehicle_outputs", [model.x, model.u, model.p], [model.outputs]),
@@ -110,7 +108,8 @@ def equations_c(model: SymbolicModel) -> str:
 
 
 def _array(name: str, values: Iterable[float]) -> str:
-    numbers = textwrap.fill(", ".join(repr(float(v)) for v in values), 100, initial_indent="    ", subsequent_indent="    ")
+    numbers = ", ".join(repr(float(v)) for v in values)
+    numbers = textwrap.fill(numbers, 100, initial_indent="    ", subsequent_indent="    ")
     return f"static const double {name}[] = {{\n{numbers}\n}};\n"
 
 

@@ -1,7 +1,7 @@
 """The FMU's variables, the one place that names them.
 
-Value references count through `VARIABLES` in order: states, their derivatives, the other outputs, inputs, parameters,
-start values. The C core relies on that order (fmi/model.h), the modelDescription and its indices follow it.
+Value references count through `VARIABLES` in order: states, their derivatives, the other outputs, inputs,
+parameters, start values. The C core relies on that order (fmi/model.h), the modelDescription follows it.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def _start(name: str, unit: str, description: str) -> Variable:
 
 
 def _per_wheel(prefix: str, unit: str, description: str) -> tuple[Variable, ...]:
-    return tuple(_output(f"{prefix}_{n}", unit, f"{description}, {where}") for n, where in _WHEEL_NAMES.items())
+    return tuple(_output(f"{prefix}_{n}", unit, f"{description}, {w}") for n, w in _WHEEL_NAMES.items())
 
 
 STATES = (
@@ -110,27 +110,32 @@ STATES = (
     _state("v_y", "m/s", 1.0, "velocity of the centre of mass, to the left"),
     _state("gamma", "rad/s", 0.1, "yaw rate"),
     _state("p", "rad/s", 0.1, "roll rate"),
-    *(_state(f"omega_{n}", "rad/s", 50.0, f"spin of the wheel, {where}") for n, where in _WHEEL_NAMES.items()),
+    *(_state(f"omega_{n}", "rad/s", 50.0, f"spin of the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
     _state("load_transfer_x", "N", 1000.0, "load moved from the front to the rear axle, lagged"),
     _state("load_transfer_y", "N", 1000.0, "load moved from left to right through roll centres, lagged"),
 )
 
 DERIVATIVES = tuple(
     Variable(
-        f"der({s.name})", "local", "continuous", _RATE_OF[s.unit], f"time derivative of {s.name}", derivative_of=s.name
+        f"der({s.name})",
+        "local",
+        "continuous",
+        _RATE_OF[s.unit],
+        f"time derivative of {s.name}",
+        derivative_of=s.name,
     )
     for s in STATES
 )
 
 OUTPUTS = (
-    _output("a_x", "m/s2", "acceleration of the centre of mass along the vehicle's x axis, dv_x/dt - v_y gamma"),
-    _output("a_y", "m/s2", "acceleration of the centre of mass along the vehicle's y axis, dv_y/dt + v_x gamma"),
+    _output("a_x", "m/s2", "acceleration of the centre of mass, forward, dv_x/dt - v_y gamma"),
+    _output("a_y", "m/s2", "acceleration of the centre of mass, to the left, dv_y/dt + v_x gamma"),
     _output("beta", "rad", "side-slip angle at the centre of mass (regularised at low speed)"),
     *_per_wheel("F_x", "N", "longitudinal tyre force in wheel axes"),
     *_per_wheel("F_y", "N", "lateral tyre force in wheel axes"),
     *_per_wheel("F_z", "N", "tyre load"),
-    *_per_wheel("alpha", "rad", "tyre slip angle, positive where it pushes left (delta - q/v_x of the paper)"),
-    *_per_wheel("kappa", "1", "slip ratio (R_w omega - v)/|v|, positive driving (regularised at low speed)"),
+    *_per_wheel("alpha", "rad", "tyre slip angle, positive where it pushes left (as in the paper)"),
+    *_per_wheel("kappa", "1", "slip ratio (R_w omega - v)/|v| (regularised at low speed)"),
 )
 
 INPUTS = (
@@ -138,11 +143,13 @@ INPUTS = (
     *(_input(f"wheel_torque_{n}", "N.m", f"torque on the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
     _input("lambda_f", "1", "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
     _input("lambda_r", "1", "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
-    _input("mu", "1", "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
+    _input("mu", "1", "tyre-road friction coefficient", VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
     _input("force_x", "N", "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
     _input("force_y", "N", "external force at the centre of mass along the vehicle's y axis (wind, slope)"),
     _input("moment_z", "N.m", "external yaw moment"),
 )
+
+_DEFAULTS = VehicleParameters()
 
 # The adhesion of the nominal road is the start value of the input mu, not a parameter of the vehicle.
 PARAMETERS = tuple(
@@ -152,7 +159,7 @@ PARAMETERS = tuple(
         "tunable",
         f.metadata["unit"],
         f"{f.metadata['description']} ({f.metadata['source']})",
-        start=f.default,
+        start=getattr(_DEFAULTS, f.name),
         minimum=f.metadata["minimum"],
         maximum=f.metadata["maximum"],
     )

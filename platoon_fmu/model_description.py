@@ -41,8 +41,13 @@ def _variable(parent: ET.Element, reference: int, variable: Variable) -> None:
         attributes["initial"] = "calculated"
     element = ET.SubElement(parent, "ScalarVariable", attributes)
     real = {"unit": variable.unit}
-    limits = {"min": variable.minimum, "max": variable.maximum, "nominal": variable.nominal, "start": variable.start}
-    real.update({key: _number(value) for key, value in limits.items() if value is not None})
+    numbers = {
+        "min": variable.minimum,
+        "max": variable.maximum,
+        "nominal": variable.nominal,
+        "start": variable.start,
+    }
+    real.update({key: _number(value) for key, value in numbers.items() if value is not None})
     if variable.derivative_of is not None:
         real["derivative"] = str(_INDEX[variable.derivative_of])
     ET.SubElement(element, "Real", real)
@@ -56,14 +61,21 @@ def _unknowns(parent: ET.Element, tag: str, names: Sequence[str], dependencies: 
 
 
 def _implementation(root: ET.Element, tag: str, identifier: str, sources: Sequence[str], flags: dict[str, str]) -> None:
-    element = ET.SubElement(root, tag, modelIdentifier=identifier, canNotUseMemoryManagementFunctions="true", **flags)
+    common = {"modelIdentifier": identifier, "canNotUseMemoryManagementFunctions": "true"}
+    element = ET.SubElement(root, tag, {**common, **flags})
     files = ET.SubElement(element, "SourceFiles")
     for source in sources:
         ET.SubElement(files, "File", name=source)
 
 
 def fmi2_xml(
-    *, token: str, identifier: str, version: str, sources: Sequence[str], simulating: Dependencies, initial: Dependencies
+    *,
+    token: str,
+    identifier: str,
+    version: str,
+    sources: Sequence[str],
+    simulating: Dependencies,
+    initial: Dependencies,
 ) -> bytes:
     """The modelDescription of FMI 2.0, Model Exchange and Co-Simulation, as UTF-8.
 
@@ -86,8 +98,10 @@ def fmi2_xml(
         variableNamingConvention="structured",
         numberOfEventIndicators="0",
     )
-    _implementation(root, "ModelExchange", identifier, sources, {"completedIntegratorStepNotNeeded": "true"})
-    _implementation(root, "CoSimulation", identifier, sources, {"canHandleVariableCommunicationStepSize": "true"})
+    exchange = {"completedIntegratorStepNotNeeded": "true"}
+    cosimulation = {"canHandleVariableCommunicationStepSize": "true"}
+    _implementation(root, "ModelExchange", identifier, sources, exchange)
+    _implementation(root, "CoSimulation", identifier, sources, cosimulation)
     _units(root)
     categories = ET.SubElement(root, "LogCategories")
     ET.SubElement(categories, "Category", name="logStatusError", description="Calls refused, with the reason")
@@ -103,4 +117,5 @@ def fmi2_xml(
     _unknowns(structure, "Derivatives", derivatives, simulating)
     _unknowns(structure, "InitialUnknowns", [*outputs, *derivatives], initial)
     ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+    text: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text + b"\n"

@@ -1,7 +1,7 @@
 """The tyre: a brush model with combined slip (Fiala), degressive in load, on the friction circle.
 
-After H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, section 3.2 (brush) and (4.E25) (load dependence),
-with the slip stiffnesses of the paper's Table 1. Symbolic: every argument and result is a CasADi SX.
+After H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, section 3.2 (brush model) and section 4.3 (load
+dependence), with the cornering stiffnesses of the paper's Table 1. Symbolic: arguments and results are CasADi SX.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _LEAST_MU = 1e-3
 
 
 def regularised_speed(v: SX, v_slip: SX) -> SX:
-    """The slip's reference speed [m/s]: |v| where |v| >= v_slip, then (v^2 + v_slip^2)/(2 v_slip), never zero."""
+    """The slips' speed of reference [m/s]: |v| from v_slip on, below it (v^2 + v_slip^2)/(2 v_slip), never 0."""
     return ca.fabs(v) + (v_slip - ca.fmin(ca.fabs(v), v_slip)) ** 2 / (2 * v_slip)
 
 
@@ -33,7 +33,7 @@ def slips(v_long: SX, v_lat: SX, rolling_speed: SX, v_slip: SX) -> tuple[SX, SX]
         v_slip: regularisation speed [m/s].
 
     Returns:
-        (kappa, tan(alpha)), both signed as the forces they produce: kappa > 0 drives, tan(alpha) > 0 pushes left.
+        (kappa, tan(alpha)), signed as the forces they produce: kappa > 0 drives, tan(alpha) > 0 pushes left.
     """
     v = regularised_speed(v_long, v_slip)
     return (rolling_speed - v_long) / v, -v_lat / v
@@ -42,15 +42,13 @@ def slips(v_long: SX, v_lat: SX, rolling_speed: SX, v_slip: SX) -> tuple[SX, SX]
 def stiffness_per_load(n: SX, load_peak: SX) -> SX:
     """Slip stiffness over load, relative to the static load's, for the load ratio n = F_z/F_z0.
 
-    Pacejka's C = c_1 sin(2 arctan(n/c)) over n, scaled to one at n = 1: the stiffness is proportional to the load
-    when light and greatest at n = c = load_peak.
+    Pacejka's C = c_1 sin(2 arctan(n/c)) over n, scaled to one at n = 1: the stiffness is proportional to
+    the load when light and greatest at n = c = load_peak.
     """
     return (load_peak**2 + 1) / (load_peak**2 + n**2)
 
 
-def forces(
-    kappa: SX, tan_alpha: SX, *, C_x: SX, C_y: SX, F_z: SX, F_z0: SX, mu: SX, load_peak: SX
-) -> tuple[SX, SX]:
+def forces(kappa: SX, tan_alpha: SX, *, C_x: SX, C_y: SX, F_z: SX, F_z0: SX, mu: SX, load_peak: SX) -> tuple[SX, SX]:
     """Longitudinal and lateral force [N] in wheel axes; |F| <= mu F_z always.
 
     Args:

@@ -1,9 +1,9 @@
 """The vehicle: longitudinal, lateral, yaw, roll and four wheel spins (8 degrees of freedom) and its pose.
 
-ISO 8855 axes: x forward, y left, z up; steering, yaw and roll positive as right-handed turns about z and x. Wheels in
-the paper's order: front left, rear left, rear right, front right. Nothing in here is solved: every quantity follows
-from the states, the inputs and the parameters, and the loop from tyre force over load back to tyre force is opened by
-the load-transfer states. The equations are written once, for CasADi's symbols; `build.py` turns them into C.
+ISO 8855 axes: x forward, y left, z up; steering, yaw and roll positive as right-handed turns about z and x. Wheels
+in the paper's order: front left, rear left, rear right, front right. Nothing in here is solved: every quantity
+follows from the states, the inputs and the parameters, and the loop from tyre force over load back to tyre force is
+opened by the load-transfer states. The equations are written once, for CasADi's symbols; `codegen.py` makes the C.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ WHEELS = (Wheel("fl", +1, True), Wheel("rl", +1, False), Wheel("rr", -1, False),
 
 @dataclass(frozen=True)
 class WheelForces:
-    """What one wheel does: forces and slips in wheel axes [N, 1], and what reaches the body in vehicle axes."""
+    """What one wheel does: forces and slips in wheel axes [N, 1], and in vehicle axes what reaches the body."""
 
     F_x: SX
     F_y: SX
@@ -58,7 +58,7 @@ def _roll_height(P: VehicleParameters) -> SX:
 
 
 def _load(wheel: Wheel, x: Mapping[str, SX], P: VehicleParameters) -> SX:
-    """Load F_z [N] of a wheel: static, plus what the load-transfer states and the rolled body move; never negative."""
+    """Load F_z [N] of a wheel: static, plus what the transfer states and the rolled body move; never below 0."""
     share = P.roll_share_f if wheel.front else 1 - P.roll_share_f
     lever = (P.l_r if wheel.front else P.l_f) / P.L
     static = P.F_zf if wheel.front else P.F_zr
@@ -99,9 +99,7 @@ def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehiclePar
     return WheelForces(F_x, F_y, F_z, kappa, tan_alpha, body_x, body_y, x_i * body_y - y_i * body_x)
 
 
-def equations(
-    x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters
-) -> tuple[dict[str, SX], dict[str, SX]]:
+def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> tuple[dict[str, SX], dict[str, SX]]:
     """The model: derivatives of the states and the outputs that are no states.
 
     Args:
@@ -121,12 +119,12 @@ def equations(
     a_x = (tyres_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
     a_y = (tyres_y + u["force_y"]) / P.M
 
-    # Roll about the vehicle's centre of mass: forces there do no work on roll, tyre forces act h_roll below it.
+    # Roll about the vehicle's centre of mass: forces there do no work on roll, tyre forces act h_roll below.
     h_roll = _roll_height(P)
     I_roll = P.I_x + P.m_s * P.h_s**2 * (1 - P.m_s / P.M)
     roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - P.K_phi * x["phi"] - P.C_phi * x["p"]
 
-    # The rest of the lateral moment h tyres_y does not pass through the springs but through roll centres and axles.
+    # The rest of the lateral moment h tyres_y passes not through the springs but through the roll centres.
     transfer_x = P.h * tyres_x / P.L
     transfer_y = (P.h - h_roll) * tyres_y / P.l_t
 
