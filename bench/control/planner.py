@@ -46,7 +46,7 @@ class PlannerSettings:
     planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
     near_identity_length_m: float = 0.9
     adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
-    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.8
+    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.7
     acceleration_max_mps2: Annotated[float, Gt(0), Le(10)] = 3.0
     yaw_acceleration_max_radps2: Annotated[float, Gt(0), Le(20)] = 1.5
     speed_min_mps: Annotated[float, Ge(1)] = 5.0

@@ -4,7 +4,7 @@
 over all cornering stiffnesses. With P = tau W^-1 and Y = K P:
 
     [[X, Y'R, PQ], [*, tau R, 0], [*, *, tau Q]] >= 0,   [[P - X, (A_i P + B_i Y)'], [*, P]] >= 0 at every vertex i,
-    [[u_j^2, e_j'Y], [*, P]] >= 0,   [[1, chi'], [*, P]] >= 0.
+    [[1, e_j'Y/u_j], [*, P]] >= 0,   [[1, chi'], [*, P]] >= 0.
 
 This is (51)-(54) with G = P, which loses nothing, the arrow (63) split into one small block for the cost and one
 for the decrease, and the vertices of (lambda_f, lambda_r) in place of N_1, N_2, H and epsilon: never more
@@ -26,9 +26,11 @@ Matrix = NDArray[np.float64]
 
 N = 3
 _SMALLEST = 0.01
-"""Deviations below this (scaled units) are treated as this large: the feedback of a smaller one is the same."""
-_LARGEST_ROOM = 30.0
-"""Input room is cut to this many times the deviation (scaled units): more is never used and costs accuracy."""
+"""Deviations below this (scaled units) are treated as this large."""
+_LARGEST_ROOM = 10.0
+"""Input room is cut to this many times the deviation (scaled units): more is hardly used and costs accuracy."""
+_COST_UNIT = 300.0
+"""The program counts tau in this unit, a usual cost of a deviation of one: so tau is near one as well."""
 _LARGEST_COST_RATIO = 1.5
 _SMALLEST_AXIS = 1e-9
 _TRIANGLE = [(i, j) for j in range(N) for i in range(j + 1)]
@@ -88,7 +90,10 @@ class RobustController:
         decrease = [(c, N + r, _P(k, c)) for r in range(N) for c in range(N) for k in range(N)]
         decrease += [(c, N + r, _Y(k, c)) for r in range(N) for c in range(N) for k in range(m)]
         self._decrease = [self._program.coefficient_positions(1 + i, decrease) for i in range(vertices)]
-        self._bounds = [self._program.constant_positions(1 + vertices + j, [(0, 0)]) for j in range(m)]
+        self._bounds = [
+            self._program.coefficient_positions(1 + vertices + j, [(0, 1 + c, _Y(j, c)) for c in range(N)])
+            for j in range(m)
+        ]
         self._start = self._program.constant_positions(1 + vertices + m, [(0, 1), (0, 2), (0, 3)])
 
     def solve(self, models: Sequence[tuple[Matrix, Matrix]], chi: Vector, u_max: Vector) -> Gain:
@@ -102,23 +107,25 @@ class RobustController:
         x, u = self._state_scale, self._input_scale
         m = u.size
         scaled = [(A / x[:, None] * x, B / x[:, None] * u) for A, B in models]
-        # The program is homogeneous: in units of the deviation itself all its numbers are near one.
+        # The program is homogeneous: in units of the deviation itself all its numbers are near one. A deviation too
+        # small to matter is treated as a larger one in its direction, which a proof for the larger one covers.
         z = chi / x
-        size = max(float(np.linalg.norm(z)), _SMALLEST)
-        z = z / size
+        size = float(np.linalg.norm(z))
+        z = z / size if size > 0.0 else np.eye(N)[0]
+        size = max(size, _SMALLEST)
         room = np.minimum(u_max / u / size, _LARGEST_ROOM)
         for (A, B), (positions, scale) in zip(scaled, self._decrease, strict=True):
             numbers = np.concatenate([np.repeat(A, N, axis=0).ravel(), np.repeat(B, N, axis=0).ravel()])
             self._program.set_coefficients(positions, scale * numbers)
         for (positions, scale), bound in zip(self._bounds, room, strict=True):
-            self._program.set_constants(positions, scale * bound**2)
+            self._program.set_coefficients(positions, scale / bound)
         self._program.set_constants(self._start[0], self._start[1] * z)
 
         solution = self._program.solve()
         v = solution.x
         P = np.array([[v[_P(i, j)] for j in range(N)] for i in range(N)])
         Y = v[6 : 6 + 3 * m].reshape(m, N)
-        tau = float(v[-1])
+        tau = float(v[-1]) * _COST_UNIT
         status = solution.status
         K = np.zeros((m, N))
         proven = None
@@ -187,14 +194,15 @@ def _program(m: int, vertices: int, rho: float, tolerance: float, max_iterations
     """The program's structure; what changes from step to step is 0 here."""
     first_X = 6 + N * m
     tau = first_X + 6
+    shrink = 1.0 / np.sqrt(_COST_UNIT)
     P_block = [Entry(1 + i, 1 + j, [_P(i, j)], [1.0]) for i, j in _TRIANGLE]
 
     cost_block = [Entry(i, j, [first_X + _P(i, j)], [1.0]) for i, j in _TRIANGLE]
     for row in range(m):
-        cost_block += [Entry(column, N + row, [_Y(row, column)], [rho]) for column in range(N)]
+        cost_block += [Entry(column, N + row, [_Y(row, column)], [rho * shrink]) for column in range(N)]
         cost_block.append(Entry(N + row, N + row, [tau], [rho]))
     for row in range(N):
-        cost_block += [Entry(column, N + m + row, [_P(column, row)], [1.0]) for column in range(N)]
+        cost_block += [Entry(column, N + m + row, [_P(column, row)], [shrink]) for column in range(N)]
         cost_block.append(Entry(N + m + row, N + m + row, [tau], [1.0]))
 
     decrease = [Entry(i, j, [_P(i, j), first_X + _P(i, j)], [1.0, -1.0]) for i, j in _TRIANGLE]

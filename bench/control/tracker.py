@@ -69,7 +69,7 @@ class TrackerSettings:
     force_unit_n: Positive = 2000.0
     yaw_moment_unit_nm: Positive = 1000.0
     input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
-    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-4)] = 1e-5
+    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-4)] = 1e-6
     solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40
 
 
