@@ -111,9 +111,7 @@ class Within:
         """Check after the profile itself has been validated."""
         return core_schema.no_info_after_validator_function(self._check, handler(source))
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Tell the range, which JSON Schema has no word for across a union, to whoever explains an error."""
         return {**handler(schema), "range": [self.low, self.high]}
 

@@ -19,7 +19,8 @@ import tomli_w
 from pydantic import BaseModel, Field, ValidationError, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
-from bench.control.planner import PlannerSettings
+from bench.control.near_identity import check_length
+from bench.control.planner import PlannerSettings, planning_cycles
 from bench.control.tracker import TrackerSettings
 from bench.errors import BadInput
 from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constant
@@ -31,6 +32,9 @@ CYCLE_S = 0.01
 
 LEAST_START_DISTANCE_M = 4.0
 """Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""
+
+Problem = tuple[tuple[str | int, ...], str]
+"""The path of a key, and what is wrong with its value."""
 
 SCENARIO_DIR = Path(__file__).parent / "scenarios"
 
@@ -149,19 +153,19 @@ class Scenario(BaseModel):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        problems = [*self._duration_problems(), *self._place_problems()]
+        problems = [*self._duration_problems(), *self._place_problems(), *self._planner_problems()]
         if problems:
             raise PydanticCustomError("together", "values that do not fit together", {"problems": problems})
         return self
 
-    def _duration_problems(self) -> list[tuple[tuple[str | int, ...], str]]:
+    def _duration_problems(self) -> list[Problem]:
         if math.isclose(self.cycles * CYCLE_S, self.duration_s, abs_tol=1e-9):
             return []
         text = f"= {self.duration_s} is not a whole number of cycles; allowed: multiples of {CYCLE_S} s"
         return [(("duration_s",), text)]
 
-    def _place_problems(self) -> list[tuple[tuple[str | int, ...], str]]:
-        problems: list[tuple[tuple[str | int, ...], str]] = []
+    def _place_problems(self) -> list[Problem]:
+        problems: list[Problem] = []
         for (i, a), (j, b) in itertools.combinations(enumerate(self.vehicles), 2):
             distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
             if distance < LEAST_START_DISTANCE_M:
@@ -170,6 +174,26 @@ class Scenario(BaseModel):
                     f" place; allowed: at least {LEAST_START_DISTANCE_M:g} m between centres"
                 )
                 problems.append((("vehicles", j), text))
+        return problems
+
+    def _planner_problems(self) -> list[Problem]:
+        """Return what the planner would refuse, by the planner's own rules."""
+        problems: list[Problem] = []
+        low, high = self.planner.speed_min_mps, self.planner.speed_max_mps
+        if not low <= self.platoon.speed_mps <= high:
+            text = (
+                f"= {self.platoon.speed_mps} is outside planner.speed_min_mps to planner.speed_max_mps;"
+                f" allowed: {low:g} to {high:g}"
+            )
+            problems.append((("platoon", "speed_mps"), text))
+        try:
+            check_length(self.planner.near_identity_length_m, high, CYCLE_S)
+        except ValueError as error:
+            problems.append((("planner", "near_identity_length_m"), f"is not allowed: {error}"))
+        try:
+            planning_cycles(self.planner.planning_interval_s, CYCLE_S)
+        except ValueError as error:
+            problems.append((("planner", "planning_interval_s"), f"is not allowed: {error}"))
         return problems
 
 

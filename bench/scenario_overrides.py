@@ -42,9 +42,7 @@ def _child(node: Any, part: str | int, override: str, path: Sequence[str | int])
         if part < len(node):
             return node[part]
         where = ".".join(map(str, path))
-        raise BadInput(
-            f"--set {override}: {where} has {len(node)} entries; allowed index: 0 to {len(node) - 1}"
-        )
+        raise BadInput(f"--set {override}: {where} has {len(node)} entries; allowed index: 0 to {len(node) - 1}")
     raise BadInput(_cannot_hold(node, part, override, path))
 
 

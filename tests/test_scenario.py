@@ -70,6 +70,11 @@ def test_a_shipped_scenario_says_what_it_shows_and_is_named_like_its_file(name):
     assert scenario.cycles == 1000
 
 
+def test_low_grip_is_known_to_the_planner():
+    scenario = load("low-grip")
+    assert scenario.road.mu.value(0.0) == scenario.planner.adhesion == 0.5
+
+
 def test_formation_is_the_papers():
     scenario = load("formation")
     starts = [(v.x_m, v.y_m, v.speed_mps) for v in scenario.vehicles]
@@ -225,6 +230,16 @@ def test_a_set_that_fits_nowhere_is_refused(override, message):
             "road.lambda_r={kind='sine', mean=0.5, amplitude=0.7, frequency_hz=1}",
             "road.lambda_r is -0.2 to 1.2; allowed: -1 to 1 at all times",
         ),
+        (
+            "planner.near_identity_length_m=0.1",
+            "planner.near_identity_length_m is not allowed: near-identity length 0.1 m must lie between v T/2",
+        ),
+        ("planner.planning_interval_s=0.055", "planner.planning_interval_s is not allowed: planning interval 0.055"),
+        ("planner.genetic.ga=[3.0, 0.5]", "planner.genetic.ga = [3.0, 0.5] must be [lower, upper]"),
+        (
+            "planner.genetic.popultion=9",
+            "planner.genetic.popultion is no key of a scenario; did you mean planner.genetic.pop",
+        ),
         ("vehicles.0.road.mu=9", "vehicles.0.road.mu is 9; allowed: 0.05 to 1.5 at all times"),
     ],
 )
@@ -239,6 +254,12 @@ def test_seventeen_vehicles_are_too_many():
     assert "vehicles has 17 entries; allowed: a list of 1 to 16" in refusal(f"vehicles=[{vehicles}]")
     sixteen = vehicles.rpartition(", {")[0]
     assert len(load("formation", [f"vehicles=[{sixteen}]"]).vehicles) == 16
+
+
+def test_the_platoon_must_be_no_slower_than_the_planner_goes():
+    refused = refusal("planner.speed_min_mps=21")
+    assert "line 10: platoon.speed_mps = 20.0 is outside planner.speed_min_mps" in refused
+    assert "allowed: 21 to 45" in refused
 
 
 def test_two_vehicles_in_one_place_are_refused(write):
@@ -371,7 +392,11 @@ def documents(draw):
         "description": draw(st.text(st.characters(exclude_categories=["Cs"]), max_size=40)),
         "duration_s": draw(st.integers(1, 30_000)) / 100,
         "seed": draw(st.integers(0, 2**32 - 1)),
-        "platoon": {"lane_y_m": draw(number(-100, 100)), "gap_m": draw(number(20, 100))},
+        "platoon": {
+            "speed_mps": draw(number(5, 40)),
+            "lane_y_m": draw(number(-100, 100)),
+            "gap_m": draw(number(20, 100)),
+        },
         "vehicles": vehicles,
         "road": draw(road()),
     }
