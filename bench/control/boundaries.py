@@ -6,6 +6,7 @@ acceleration is limited by l_r and braking by l_f.
 """
 
 import enum
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,13 +104,13 @@ def largest_acceleration(gamma: float, v: float, limits: Vector) -> float:
     """The largest |a_x| (m/s^2) beside a lateral acceleration gamma v: friction circle and what is asked for."""
     allowed = limits[3] * limits[0]
     lateral = gamma * v
-    return min(np.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits[4])
+    return float(min(math.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits[4]))
 
 
 @njit(cache=True)
 def speed_reach(v: float, accelerating: bool, step_s: float, limits: Vector) -> float:
     """V_k (m/s) of (35) with the printed l_f corrected: the furthest speed one step can reach."""
-    return v + limits[1] * step_s if accelerating else v - limits[2] * step_s
+    return float(v + limits[1] * step_s if accelerating else v - limits[2] * step_s)
 
 
 @njit(cache=True)

@@ -4,6 +4,8 @@ Points q (m) and velocities p (m/s) are in the road frame, X along the road and 
 genetic search evaluates it thousands of times an interval.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -18,7 +20,7 @@ GAINS = ("Ga", "Gb", "p11", "p12", "p21", "p22")
 @njit(cache=True)
 def sigma_norm(distance: float, eps: float) -> float:
     """`|z|_sigma` of a vector of the given length (m), (8): smooth at zero."""
-    return (np.sqrt(1.0 + eps * distance * distance) - 1.0) / eps
+    return (math.sqrt(1.0 + eps * distance * distance) - 1.0) / eps
 
 
 @njit(cache=True)
@@ -28,14 +30,14 @@ def bump(z: float, flat: float) -> float:
         return 0.0
     if z < flat:
         return 1.0
-    return 0.5 * (1.0 + np.cos(np.pi * (z - flat) / (1.0 - flat)))
+    return 0.5 * (1.0 + math.cos(math.pi * (z - flat) / (1.0 - flat)))
 
 
 @njit(cache=True)
 def action(z: float, Ga: float, Gb: float) -> float:
-    """phi of (10e) for `0 < Ga <= Gb`: repels below zero, attracts above, and is zero at zero."""
-    shifted = z + abs(Ga - Gb) / np.sqrt(4.0 * Ga * Gb)
-    return 0.5 * ((Ga + Gb) * shifted / np.sqrt(1.0 + shifted * shifted) + (Ga - Gb))
+    """The action function phi of (10e) for `0 < Ga <= Gb`: repels below zero, attracts above, and is zero at zero."""
+    shifted = z + abs(Ga - Gb) / math.sqrt(4.0 * Ga * Gb)
+    return 0.5 * ((Ga + Gb) * shifted / math.sqrt(1.0 + shifted * shifted) + (Ga - Gb))
 
 
 @njit(cache=True)
@@ -73,12 +75,12 @@ def acceleration(
     d_a = sigma_norm(distance, eps)
     for j in range(peers_q.shape[0]):
         x, y = peers_q[j, 0] - q[0], peers_q[j, 1] - q[1]
-        apart = np.sqrt(x * x + y * y)
+        apart = math.sqrt(x * x + y * y)
         if apart >= reach:
             continue
         z = sigma_norm(apart, eps)
         near = bump(z / r_a, flat)
-        force = near * action(z - d_a, gains[0], gains[1]) / np.sqrt(1.0 + eps * apart * apart)
+        force = near * action(z - d_a, gains[0], gains[1]) / math.sqrt(1.0 + eps * apart * apart)
         u_x += force * x + near * (peers_p[j, 0] - p[0])
         u_y += force * y + near * (peers_p[j, 1] - p[1])
     return u_x, u_y

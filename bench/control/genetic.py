@@ -191,7 +191,17 @@ def search(
         generations: how often they are bred.
         mutation: standard deviation of a mutation as a share of the range.
         seed: of the random numbers.
-        state: and all that follow as in `rollout_cost`.
+        state: as in `rollout_cost`, like all that follow.
+        target: slot.
+        platoon_speed: m/s.
+        peers_q: the others' points.
+        peers_p: their velocities.
+        field: of the flocking law.
+        limits: the boundaries.
+        length: near-identity length.
+        weights: of the cost.
+        steps: of the rollout.
+        step_s: s.
     """
     np.random.seed(seed)
     n = start.size

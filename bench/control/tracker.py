@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bench.control.allocation import allocate
 from bench.control.lqr import lqr_gain
-from bench.control.observer import DisturbanceObserver, design_gain
+from bench.control.observer import DisturbanceObserver
+from bench.control.observer_gain import design_gain
 from bench.control.reference import reference_input
 from bench.control.rmpc import Gain, RobustController
 from bench.control.semidefinite import SolverStatus
@@ -87,6 +88,7 @@ class TrackerOutput:
     """One step of the tracker.
 
     Attributes:
+        u: (3,) virtual input [delta, F, M] (rad, N, N m) behind the commands.
         steering: front steering angle, rad.
         wheel_forces: (4,) longitudinal forces F_x1..F_x4, N.
         reference: (3,) reference state of this step [v_x, v_y, gamma].
@@ -100,6 +102,7 @@ class TrackerOutput:
         solve_s: wall-clock time of the semidefinite programme with its certificate, s.
     """
 
+    u: Vector
     steering: float
     wheel_forces: Vector
     reference: Vector
@@ -231,6 +234,7 @@ class Tracker:
         self._u_last, self._u_ref_last = u, reference.u
         U = self._allocation.matrix @ u
         return TrackerOutput(
+            u=u,
             steering=float(U[0]),
             wheel_forces=U[1:],
             reference=xi_ref,
