@@ -1,6 +1,5 @@
 # make run: all the set-up, then the paper's formation. make test, make lint, make bench, make clean.
 PYTHON   ?= python3
-CC       ?= cc
 SCENARIO ?= formation
 ARGS     ?=
 
@@ -9,7 +8,6 @@ BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 WARM      := build/.warm
 FMU       := build/Vehicle.fmu
-export CC
 
 .PHONY: setup run test lint bench clean
 .DELETE_ON_ERROR:
@@ -48,9 +46,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@touch $@
 
 $(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.py platoon_fmu/fmi/*)
-	@echo '#include <math.h>' | $(CC) -fsyntax-only -x c - 2>/dev/null || { \
-		echo "No working C compiler ($(CC)) to build the vehicle FMU." \
-			"On Debian or Ubuntu: apt install gcc libc6-dev" >&2; exit 1; }
+	@for cc in cc gcc clang; do \
+		echo '#include <math.h>' | $$cc -fsyntax-only -x c - 2>/dev/null && exit 0; \
+	done; echo "No working C compiler to build the vehicle FMU." \
+		"On Debian or Ubuntu: apt install gcc libc6-dev" >&2; exit 1
 	$(BIN)/platoon fmu build
 	@touch $@
 

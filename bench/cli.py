@@ -1,0 +1,385 @@
+"""The command `platoon`. Exit codes: 0 done, 1 the run failed or did not form a platoon, 2 bad input.
+
+What a command needs is imported inside it, so that help and the start of a run do not wait for the rest.
+"""
+
+import json
+import os
+import sys
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.errors import BadInput, BenchError
+from platoon_fmu.errors import FmuError
+
+LOGS = Path("logs")
+"""Where runs land if not told otherwise, in the working directory."""
+
+EXIT_CODES = "Exit codes: 0 done, 1 the run failed or did not form a platoon, 2 bad input."
+
+app = typer.Typer(
+    name="platoon",
+    help="A bench for cooperative vehicle control: a vehicle FMU, ECUs on CAN, MCAP logs.",
+    epilog=EXIT_CODES,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+fmu_app = typer.Typer(help="The vehicle as an FMU (FMI 2.0).", no_args_is_help=True)
+app.add_typer(fmu_app, name="fmu")
+
+
+class Role(StrEnum):
+    """What an ECU is for."""
+
+    PLANNER = "planner"
+    TRACKER = "tracker"
+
+
+Log = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="The name of a shipped scenario, or a TOML file.")
+]
+Buses = Annotated[
+    str,
+    typer.Option(
+        "--can",
+        metavar="udp|vcan|direct|IFACE:CHANNEL",
+        help="Where the CAN buses are: udp (multicast on this host; udp:PORT for fixed ports), vcan (SocketCAN "
+        "vcan0, vcan1 ...), direct (all in one process), or any python-can interface.",
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scenario: --set vehicles.0.x_m=5.0"),
+]
+Seed = Annotated[int | None, typer.Option(help="Override the scenario's seed.")]
+
+
+@app.command(epilog=EXIT_CODES)
+def run(
+    scenario: ScenarioName = "formation",
+    can: Buses = "udp",
+    clock: Annotated[
+        str, typer.Option(metavar="lockstep", help="Simulated time, as fast as the machine goes.")
+    ] = "lockstep",
+    overrides: Overrides = None,
+    seed: Seed = None,
+    out: Annotated[Path | None, typer.Option(help="The log to write; logs/SCENARIO-TIME.mcap if not given.")] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report beside the log.")] = False,
+    ecu: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ROLE=CLASS", help="Another ECU class: --ecu tracker=my_ecu.py:MyTracker"),
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ECU", help="An ECU not to start, as it runs elsewhere: --external veh1.tracker"),
+    ] = None,
+) -> None:
+    """Run a scenario: write its log and report, show what came of it."""
+    from bench.bus.address import Address
+    from bench.scenario import load
+
+    if clock != "lockstep":
+        raise BadInput(f"--clock {clock}: no such clock; allowed: lockstep")
+    loaded = load(scenario, overrides or (), seed)
+    address = Address.parse(can)
+    ecus = _ecu_classes(ecu or [])
+    log = _log_path(out, loaded.name, with_report=not no_report)
+
+    from bench.conductor import run as conductor
+    from bench.summary import following, show_metrics
+
+    with following(loaded.name, loaded.duration_s) as on_progress:
+        result = conductor.run(
+            loaded,
+            address=address,
+            out=log,
+            command_line=["platoon", *sys.argv[1:]],
+            on_progress=on_progress,
+            ecus=ecus,
+            external=external or (),
+        )
+
+    from bench.analysis.metrics import compute
+    from bench.record.reader import Run
+
+    recorded = Run(result.path)
+    figures = compute(recorded)
+    show_metrics(figures)
+    typer.echo(f"log:    {result.path}")
+    if not no_report:
+        from bench.analysis.report import write
+
+        report = _report_path(result.path)
+        write(recorded, report)
+        typer.echo(f"report: {report}")
+    if figures.formation_time_s is None:
+        typer.echo(f"platoon: {loaded.name} did not form a platoon in {loaded.duration_s:g} s", err=True)
+        raise typer.Exit(1)
+
+
+@app.command()
+def metrics(
+    log: Log, as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False
+) -> None:
+    """Show the figures of a run, computed from its log alone."""
+    from bench.analysis.metrics import compute
+    from bench.record.reader import Run
+
+    figures = compute(Run(_readable(log)))
+    if as_json:
+        typer.echo(json.dumps(figures.as_dict(), indent=2))
+        return
+    from bench.summary import show_metrics
+
+    show_metrics(figures)
+
+
+@app.command()
+def report(
+    log: Log,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
+) -> None:
+    """Write a report of a run: one HTML file that needs no network."""
+    from bench.analysis.report import write
+    from bench.record.reader import Run
+
+    target = out or _report_path(log)
+    recorded = Run(_readable(log))
+    _check_directory(target)
+    if target.is_dir():
+        raise BadInput(f"{target} is a directory; give a file: -o {target}/report.html")
+    write(recorded, target)
+    typer.echo(str(target))
+
+
+@app.command(epilog="Exit codes: 0 the same frames, 1 different ones, 2 bad input.")
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A.mcap", help="The log of a run.")],
+    b: Annotated[Path, typer.Argument(metavar="B.mcap", help="The log to compare it with.")],
+) -> None:
+    """Compare the frames of two runs, leaving out only messages that carry wall-clock figures."""
+    from bench.record.compare import diff as compare
+
+    difference = compare(_readable(a), _readable(b))
+    typer.echo(str(difference))
+    raise typer.Exit(0 if difference.same else 1)
+
+
+@app.command()
+def scenarios(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="Print this one, to begin one's own from.")
+    ] = None,
+) -> None:
+    """List the shipped scenarios, or print one of them."""
+    from bench.scenario import SCENARIO_DIR, load, shipped
+
+    if name is None:
+        names = shipped()
+        width = max(map(len, names))
+        for each in names:
+            typer.echo(f"{each:{width}}  {load(each).description}")
+        return
+    if name not in shipped():
+        raise BadInput(f"No scenario {name!r}; shipped are {', '.join(shipped())}.")
+    typer.echo((SCENARIO_DIR / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
+
+
+@app.command()
+def ecu(
+    role: Annotated[Role, typer.Argument(help="Which of a vehicle's ECUs.")],
+    vehicle: Annotated[int, typer.Option(min=1, help="The number of the vehicle, from 1.")],
+    can: Annotated[str, typer.Option(metavar="udp:PORT|vcan|IFACE:CHANNEL", help="The buses, as the run has them.")],
+    scenario: Annotated[str, typer.Option(help="The scenario, as the run has it.")] = "formation",
+    overrides: Overrides = None,
+    seed: Seed = None,
+    spec: Annotated[
+        str | None,
+        typer.Option("--class", metavar="CLASS", help="Another class: my_ecu.py:MyTracker, my.module:MyTracker"),
+    ] = None,
+) -> None:
+    """Run one ECU alone, for example on another host; start the run with `--external veh1.tracker`."""
+    from bench.bus.address import Address
+    from bench.ecu.main import DEFAULT_ECUS, serve_ecu
+    from bench.scenario import load
+
+    loaded = load(scenario, overrides or (), seed)
+    if can == "direct":
+        raise BadInput("--can direct: an ECU alone is a process of its own; allowed: udp:PORT, vcan, IFACE:CHANNEL")
+    serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, Address.parse(can))
+
+
+@app.command()
+def doctor() -> None:
+    """Tell what this machine can do, and what to type for the rest. Exit code 1 where no run would work."""
+    from bench.doctor import examine
+
+    can_run = True
+    for finding in examine(LOGS):
+        mark = typer.style("ok     ", fg="green") if finding.fine else typer.style("missing", fg="yellow")
+        typer.echo(f"{mark}  {finding.subject:14}  {finding.found}")
+        if not finding.fine:
+            for line in finding.mend.splitlines():
+                typer.echo(f"{'':25}> {line.strip()}")
+        can_run &= finding.fine or not finding.needed
+    raise typer.Exit(0 if can_run else 1)
+
+
+@fmu_app.command()
+def build(
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The directory; build/ if not given.")] = None,
+) -> None:
+    """Build Vehicle.fmu: generate the model's C code, compile it and pack it."""
+    from platoon_fmu import build as builder
+
+    directory = out or builder.default_directory()
+    if directory.exists() and not directory.is_dir():
+        raise BadInput(f"{directory} is no directory")
+    fmu = builder.build(directory, on_start=lambda: typer.echo("Building the vehicle FMU ...", err=True))
+    typer.echo(str(fmu))
+
+
+@fmu_app.command()
+def validate(
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+) -> None:
+    """Check an FMU against the standard and run it for a moment."""
+    from platoon_fmu.validate import validate as problems_of
+
+    path = _fmu_path(fmu)
+    try:
+        problems = problems_of(path)
+    except FmuError as error:
+        raise BadInput(str(error)) from error
+    for problem in problems:
+        typer.echo(problem)
+    if problems:
+        raise typer.Exit(1)
+    typer.echo(f"{path}: no problems found")
+
+
+@fmu_app.command()
+def info(fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None) -> None:
+    """List an FMU's variables: name, causality, start value, unit, description."""
+    import zipfile
+
+    import fmpy
+
+    path = _fmu_path(fmu)
+    try:
+        description = fmpy.read_model_description(str(path), validate=False)
+    except (OSError, KeyError, zipfile.BadZipFile, SyntaxError) as error:
+        raise BadInput(f"{path} is no FMU: {error}") from error
+    kinds = [
+        name
+        for name, kind in (("Model Exchange", description.modelExchange), ("Co-Simulation", description.coSimulation))
+        if kind is not None
+    ]
+    typer.echo(f"{description.modelName}, FMI {description.fmiVersion}, {' and '.join(kinds)}")
+    for variable in description.modelVariables:
+        start = "" if variable.start is None else str(variable.start)
+        unit = variable.unit or (variable.declaredType.unit if variable.declaredType else None) or ""
+        typer.echo(f"{variable.name:22} {variable.causality:10} {start:>10} {unit:8} {variable.description or ''}")
+
+
+def main() -> None:
+    """Run the command; show what went wrong as one message."""
+    try:
+        app()
+    except (BenchError, FmuError) as error:
+        typer.echo(f"platoon: {error}", err=True)
+        sys.exit(error.exit_code if isinstance(error, BenchError) else 1)
+
+
+def _ecu_classes(chosen: list[str]) -> dict[str, str]:
+    """Return the class of each role's ECU: the bench's own but for the chosen ones.
+
+    Raises:
+        BadInput: not ROLE=CLASS, or no such role.
+    """
+    from bench.ecu.main import DEFAULT_ECUS
+
+    classes = dict(DEFAULT_ECUS)
+    for choice in chosen:
+        role, _, spec = choice.partition("=")
+        if role not in classes or not spec:
+            raise BadInput(f"--ecu {choice}: want ROLE=CLASS with a role of {', '.join(classes)}")
+        classes[role] = spec
+    return classes
+
+
+def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
+    """Return where the log goes, known to be free and writable.
+
+    Raises:
+        BadInput: it cannot be written there.
+    """
+    if out is None:
+        if LOGS.exists() and not LOGS.is_dir():
+            raise BadInput(f"{LOGS} is a file, where runs should land; name another place with --out")
+        _check_directory(LOGS / "any" if LOGS.exists() else LOGS)
+        LOGS.mkdir(exist_ok=True)
+        # With milliseconds, so that runs started together get a log each.
+        moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
+        return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
+    _check_directory(out)
+    targets = [out, _report_path(out)] if with_report else [out]
+    for target in targets:
+        if target.exists():
+            raise BadInput(f"{target} is there already; give another --out, or remove it")
+    return out
+
+
+def _check_directory(target: Path) -> None:
+    """Refuse a file that could not be written, before any work is done for it.
+
+    Raises:
+        BadInput: its directory is missing or read-only.
+    """
+    directory = target.parent
+    if not directory.is_dir():
+        raise BadInput(f"{target}: there is no directory {directory}; make it with: mkdir -p {directory}")
+    if not os.access(directory, os.W_OK | os.X_OK):
+        raise BadInput(f"{target}: the directory {directory} cannot be written to")
+
+
+def _report_path(log: Path) -> Path:
+    return log.with_suffix(".html")
+
+
+def _readable(log: Path) -> Path:
+    """Refuse what is no file to read.
+
+    Raises:
+        BadInput: no such file, a directory, or no permission.
+    """
+    if not log.is_file():
+        raise BadInput(
+            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
+        )
+    if not os.access(log, os.R_OK):
+        raise BadInput(f"{log} cannot be read: no permission")
+    return log
+
+
+def _fmu_path(given: Path | None) -> Path:
+    if given is not None:
+        if not given.is_file():
+            raise BadInput(f"{given}: no such file")
+        return given
+    from platoon_fmu.build import default_fmu
+
+    try:
+        return default_fmu()
+    except FmuError as error:
+        raise BadInput(str(error)) from error
+
+
+if __name__ == "__main__":
+    main()

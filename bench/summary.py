@@ -1,0 +1,109 @@
+"""What a person sees of a run at the terminal: progress while it goes on, its figures afterwards."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
+    from bench.analysis.metrics import Metrics
+
+PLAIN_STEPS = 10
+"""How many lines tell the progress of a run where there is no terminal for a bar."""
+
+
+@contextmanager
+def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]:
+    """Show the progress of a run on standard error; give the function to be told the simulated time (s)."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _plain(console, name, duration_s)
+        return
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("{task.completed:.1f} of {task.total:g} s simulated"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task(name, total=duration_s)
+        yield lambda time_s: progress.update(task, completed=time_s)
+
+
+def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], None]:
+    told = 0
+
+    def tell(time_s: float) -> None:
+        nonlocal told
+        step = int(PLAIN_STEPS * time_s / duration_s + 1e-9)
+        if step > told:
+            told = step
+            console.print(f"{name}: {time_s:.1f} of {duration_s:g} s simulated", highlight=False)
+
+    return tell
+
+
+def show_metrics(metrics: "Metrics") -> None:
+    """Print the figures of a run on standard output."""
+    console = Console()
+    console.print(_overall(metrics))
+    console.print(_vehicles(metrics))
+
+
+def _overall(metrics: "Metrics") -> Table:
+    formed = "not formed" if metrics.formation_time_s is None else f"{metrics.formation_time_s:.2f} s"
+    rows = [
+        ("formation time", formed),
+        ("least distance", _figure(metrics.least_distance_m, "{:.2f} m")),
+        ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
+        ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
+        ("solver, median / p99", _percentiles(metrics.solver_ms)),
+        ("planner, median / p99", _percentiles(metrics.planner_ms)),
+        ("real-time factor", _figure(metrics.real_time_factor, "{:.2f}")),
+        ("fallback steps", str(metrics.fallback_steps)),
+        ("frames lost", str(metrics.frames_lost)),
+    ]
+    table = Table(show_header=False)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _vehicles(metrics: "Metrics") -> Table:
+    table = Table()
+    table.add_column("vehicle")
+    for heading in ("final speed\nm/s", "lateral error\nm", "yaw\nrad", "speed RMSE\nm/s", "yaw rate RMSE\nrad/s"):
+        table.add_column(heading, justify="right")
+    columns = (
+        metrics.final_speeds_mps,
+        metrics.final_lateral_errors_m,
+        metrics.final_yaws_rad,
+        metrics.speed_rmse_mps,
+        metrics.yaw_rate_rmse_radps,
+    )
+    for number, (speed, lateral, yaw, speed_rmse, yaw_rate_rmse) in enumerate(zip(*columns, strict=True), 1):
+        table.add_row(
+            f"veh{number}",
+            f"{speed:.3f}",
+            f"{lateral:+.3f}",
+            f"{yaw:+.4f}",
+            _figure(speed_rmse, "{:.4f}"),
+            _figure(yaw_rate_rmse, "{:.5f}"),
+        )
+    return table
+
+
+def _figure(value: float | None, form: str) -> str:
+    return "-" if value is None else form.format(value)
+
+
+def _figures(values: Sequence[float], form: str, unit: str) -> str:
+    return f"{', '.join(form.format(value) for value in values)} {unit}" if values else "-"
+
+
+def _percentiles(percentiles: dict[str, float]) -> str:
+    return f"{percentiles['p50']:.2f} / {percentiles['p99']:.2f} ms" if percentiles else "-"
