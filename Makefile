@@ -12,7 +12,7 @@ FMU       := build/Vehicle.fmu
 .PHONY: setup run test lint bench clean
 .DELETE_ON_ERROR:
 
-setup: $(INSTALLED) $(FMU) $(WARM)
+setup: $(WARM)
 
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)
@@ -54,7 +54,6 @@ $(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.py platoon_fmu/fmi/*)
 	@touch $@
 
 # Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycle.
-$(WARM): $(INSTALLED) $(wildcard bench/control/*.py)
-	@mkdir -p $(@D)
-	$(BIN)/python -m bench.control.genetic
+$(WARM): $(FMU) $(wildcard bench/control/*.py)
+	$(BIN)/python -m bench.warm_up
 	@touch $@

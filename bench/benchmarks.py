@@ -1,0 +1,158 @@
+"""The figures the bench is measured by, as tables; `make bench` prints them. Nothing here passes or fails.
+
+Times are of real processes over `udp`; what does not depend on time is the same on every bus and taken from `direct`.
+"""
+
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from bench.analysis.metrics import Metrics, compute
+from bench.bus.address import Address
+from bench.conductor.run import run
+from bench.record.reader import Run
+from bench.scenario import load, shipped
+
+LAMBDAS = (-1.0, 0.0, 1.0)
+"""Uncertainties of the cornering stiffness, both axles, at which the tracker must be offset-free."""
+
+LAST_S = 2.0
+"""The offset is the mean tracking error over this last part of a run (s)."""
+
+TIMED_RUNS = 3
+"""How often the timed scenario is run; the machine's other work disturbs one run more than another."""
+
+
+def main() -> None:
+    """Run everything and print the tables."""
+    console = Console(width=120)
+    with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
+        logs = Path(folder)
+        console.print(timing([record(logs, "formation", bus="udp") for _ in range(TIMED_RUNS)]))
+        console.print(figures([record(logs, name) for name in shipped()]))
+        console.print(offsets(logs))
+
+
+def record(logs: Path, scenario: str, overrides: Sequence[str] = (), bus: str = "direct") -> Run:
+    """Run a scenario; return its log."""
+    log = logs / f"{len(list(logs.iterdir()))}.mcap"
+    run(
+        load(scenario, overrides),
+        address=Address.parse(bus),
+        out=log,
+        command_line=["bench.benchmarks", scenario, *overrides],
+    )
+    return Run(log)
+
+
+def timing(runs: Sequence[Run]) -> Table:
+    """Return the table of wall-clock figures, a column for each run."""
+    table = Table(title="formation over udp: wall-clock times", title_justify="left")
+    table.add_column("")
+    for number in range(1, len(runs) + 1):
+        table.add_column(f"run {number}", justify="right")
+    for title, message, signal in (
+        ("tracker's whole step", "TrackerTiming", "StepTime"),
+        ("  of it the solver", "TrackerTiming", "SolveTime"),
+        ("planner's whole step", "PlannerTiming", "StepTime"),
+        ("  of it the optimisation, where there is one", "PlannerTiming", "OptimisationTime"),
+        ("plant's step, all vehicles", "PlantTiming", "StepTime"),
+    ):
+        table.add_row(f"{title}, median / p99", *(_percentiles(recorded, message, signal) for recorded in runs))
+    table.add_row("real-time factor", *(f"{compute(recorded).real_time_factor:.2f}" for recorded in runs))
+    return table
+
+
+def _percentiles(recorded: Run, message: str, signal: str) -> str:
+    vehicles = range(1, len(recorded.scenario.vehicles) + 1)
+    times = np.concatenate([recorded.signal(f"veh{i}", message, signal)[1] for i in vehicles])
+    times = times[times > 0.0]
+    if not times.size:
+        return "-"
+    median, p99 = np.percentile(times, [50, 99]) / 1000.0
+    return f"{median:.2f} / {p99:.2f} ms"
+
+
+def figures(runs: Sequence[Run]) -> Table:
+    """Return the table of what came of each scenario, a row for each."""
+    table = Table(title="shipped scenarios: at the end, the worst vehicle", title_justify="left")
+    table.add_column("scenario")
+    for heading in (
+        "formed\ns",
+        "least\ndistance m",
+        "gap error\nm",
+        "speed error\nm/s",
+        "lateral\nerror m",
+        "yaw\nrad",
+        "boundary\nmargin",
+        "fallback\nsteps",
+    ):
+        table.add_column(heading, justify="right")
+    for recorded in runs:
+        metrics = compute(recorded)
+        formed = "never" if metrics.formation_time_s is None else f"{metrics.formation_time_s:.2f}"
+        table.add_row(
+            recorded.scenario.name,
+            formed,
+            *_worst(metrics, recorded.scenario.platoon.gap_m, recorded.scenario.platoon.speed_mps),
+        )
+    return table
+
+
+def _worst(metrics: Metrics, gap_m: float, speed_mps: float) -> list[str]:
+    return [
+        f"{metrics.least_distance_m:.2f}" if metrics.least_distance_m is not None else "-",
+        f"{max((abs(gap - gap_m) for gap in metrics.final_gaps_m), default=0.0):.3f}",
+        f"{max(abs(speed - speed_mps) for speed in metrics.final_speeds_mps):.3f}",
+        f"{max(map(abs, metrics.final_lateral_errors_m)):.3f}",
+        f"{max(map(abs, metrics.final_yaws_rad)):.4f}",
+        f"{metrics.boundary_margin_min:.3f}",
+        str(metrics.fallback_steps),
+    ]
+
+
+def offsets(logs: Path) -> Table:
+    """Return the table of what is left of the crosswind's offset with the disturbance estimate."""
+    table = Table(
+        title=f"crosswind: mean tracking error over the last {LAST_S:g} s, with and without the disturbance estimate",
+        title_justify="left",
+    )
+    headings = ("lambda", "yaw rate with\nrad/s", "without\nrad/s", "ratio", "speed with\nm/s", "without\nm/s", "ratio")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for value in LAMBDAS:
+        tyres = [f"road.lambda_f={value}", f"road.lambda_r={value}"]
+        with_estimate = record(logs, "crosswind", tyres)
+        without = record(logs, "crosswind", [*tyres, "tracker.offset_free=false"])
+        row = [f"{value:+g}"]
+        for signal, truth in (("YawRate", "gamma"), ("VelocityX", "v_x")):
+            left, full = (worst_offset(recorded, signal, truth) for recorded in (with_estimate, without))
+            ratio = left / full if full > 0.0 else math.nan
+            row += [f"{left:.2e}", f"{full:.2e}", f"{100 * ratio:.1f} %"]
+        table.add_row(*row)
+    return table
+
+
+def worst_offset(recorded: Run, signal: str, truth: str) -> float:
+    """Return the largest mean tracking error of any vehicle over the last `LAST_S`, from truth and reference."""
+    return max(
+        abs(_offset(recorded, vehicle, signal, truth)) for vehicle in range(1, len(recorded.scenario.vehicles) + 1)
+    )
+
+
+def _offset(recorded: Run, vehicle: int, signal: str, truth: str) -> float:
+    t, reference = recorded.signal(f"veh{vehicle}", "TrackerReferenceState", signal)
+    rows = recorded.truth(vehicle)
+    actual: NDArray[np.float64] = np.interp(t, rows["t"], rows[truth])
+    last = t >= recorded.scenario.duration_s - LAST_S
+    return float(np.mean((actual - reference)[last]))
+
+
+if __name__ == "__main__":
+    main()
