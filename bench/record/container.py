@@ -1,0 +1,246 @@
+"""The MCAP container, written chunk by chunk from message records that are already encoded.
+
+`mcap.writer` takes messages one at a time (3.5 us each); the recorder has thousands of them ready as one array.
+Record types, field order and the summary are those of https://mcap.dev/spec; everything but the messages goes
+through `mcap.records`. Header, metadata, attachments, schemas and channels stand before the chunks that need them,
+so that a broken file still has them.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from typing import BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+COMPRESSION = "zstd"
+# A message record: opcode, length of the rest, then the fields up to the payload.
+MESSAGE = np.dtype(
+    [
+        ("opcode", "u1"),
+        ("length", "<u8"),
+        ("channel", "<u2"),
+        ("sequence", "<u4"),
+        ("log_time", "<u8"),
+        ("publish_time", "<u8"),
+    ]
+)
+# What `length` counts beside the payload.
+MESSAGE_FIELDS = MESSAGE.itemsize - 9
+INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
+
+_CHUNK_HEAD = struct.Struct("<BQQQQII4sQ")
+_INDEX_HEAD = struct.Struct("<BQHI")
+
+
+class McapFile:
+    """One MCAP file being written.
+
+    Every method that takes data writes it through to the operating system before it returns.
+    """
+
+    def __init__(self, stream: BinaryIO, library: str) -> None:
+        """Open the file on `stream`, which is at its start, naming `library` as the writer."""
+        self._stream = stream
+        self._position = 0
+        self._compressor = zstandard.ZstdCompressor(level=1)
+        self._schemas: list[Schema] = []
+        self._schema_ids: dict[tuple[str, bytes], int] = {}
+        self._channels: list[Channel] = []
+        self._declared: set[int] = set()
+        self._counts: dict[int, int] = {}
+        self._span: tuple[int, int] | None = None
+        self._chunk_indexes = RecordBuilder()
+        self._chunks = 0
+        self._attachments: list[AttachmentIndex] = []
+        self._metadata: list[MetadataIndex] = []
+        self._write(MAGIC)
+        self._record(Header(profile="", library=library))
+
+    def add_schema(self, name: str, data: bytes) -> int:
+        """Return the id of the protobuf schema `name`, made on first use."""
+        if (name, data) not in self._schema_ids:
+            self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding="protobuf", data=data))
+            self._schema_ids[name, data] = self._schemas[-1].id
+        return self._schema_ids[name, data]
+
+    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
+        """Return the id of a new channel; it enters the file with its first message."""
+        self._channels.append(
+            Channel(
+                id=len(self._channels) + 1,
+                topic=topic,
+                message_encoding="protobuf",
+                metadata=dict(metadata),
+                schema_id=schema_id,
+            )
+        )
+        return self._channels[-1].id
+
+    def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
+        """Write one metadata record."""
+        offset = self._position
+        self._record(Metadata(name=name, metadata=dict(values)))
+        self._metadata.append(MetadataIndex(offset=offset, length=self._position - offset, name=name))
+
+    def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
+        """Write one attachment."""
+        offset = self._position
+        self._record(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
+        self._attachments.append(
+            AttachmentIndex(
+                offset=offset,
+                length=self._position - offset,
+                log_time=0,
+                create_time=0,
+                data_size=len(data),
+                name=name,
+                media_type=media_type,
+            )
+        )
+
+    def add_chunk(
+        self,
+        records: bytes | memoryview,
+        channel: npt.NDArray[np.int64],
+        log_time: npt.NDArray[np.int64],
+        offset: npt.NDArray[np.int64],
+    ) -> None:
+        """Write message records as one chunk, with its message indexes.
+
+        Args:
+            records: whole message records, one after the other.
+            channel: channel id of each message (n,).
+            log_time: time of each message (n,), ns.
+            offset: place of each message in `records` (n,), bytes.
+        """
+        if not len(channel):
+            return
+        order = np.argsort(channel, kind="stable")
+        used, starts = np.unique(channel[order], return_index=True)
+        self._declare(used)
+        start, end = int(log_time.min()), int(log_time.max())
+        packed = self._compressor.compress(records)
+        chunk_at = self._position
+        rest = _CHUNK_HEAD.size - 9 + len(packed)
+        head = _CHUNK_HEAD.pack(
+            Opcode.CHUNK, rest, start, end, len(records), zlib.crc32(records), 4, COMPRESSION.encode(), len(packed)
+        )
+        index_at = chunk_at + len(head) + len(packed)
+        entries = np.empty(len(order), INDEX_ENTRY)
+        entries["log_time"], entries["offset"] = log_time[order], offset[order]
+        indexes, places = bytearray(), {}
+        for number, first, last in zip(used.tolist(), starts.tolist(), [*starts.tolist()[1:], len(order)], strict=True):
+            places[number] = index_at + len(indexes)
+            size = INDEX_ENTRY.itemsize * (last - first)
+            indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, number, size) + entries[first:last].tobytes()
+            self._counts[number] = self._counts.get(number, 0) + last - first
+        self._write(b"".join((head, packed, indexes)))
+        ChunkIndex(
+            message_start_time=start,
+            message_end_time=end,
+            chunk_start_offset=chunk_at,
+            chunk_length=index_at - chunk_at,
+            message_index_offsets=places,
+            message_index_length=len(indexes),
+            compression=COMPRESSION,
+            compressed_size=len(packed),
+            uncompressed_size=len(records),
+        ).write(self._chunk_indexes)
+        self._chunks += 1
+        self._span = (min(self._span[0], start), max(self._span[1], end)) if self._span else (start, end)
+
+    def finish(self) -> None:
+        """Write the summary and the footer; the stream stays open."""
+        self._record(DataEnd(0))
+        summary_start = self._position
+        statistics = Statistics(
+            attachment_count=len(self._attachments),
+            channel_count=len(self._declared),
+            channel_message_counts=dict(self._counts),
+            chunk_count=self._chunks,
+            message_count=sum(self._counts.values()),
+            metadata_count=len(self._metadata),
+            message_start_time=self._span[0] if self._span else 0,
+            message_end_time=self._span[1] if self._span else 0,
+            schema_count=len({self._channels[number - 1].schema_id for number in self._declared}),
+        )
+        channels = [self._channels[number - 1] for number in sorted(self._declared)]
+        schemas = [self._schemas[number - 1] for number in sorted({c.schema_id for c in channels})]
+        summary, offsets = bytearray(), RecordBuilder()
+        groups = (
+            (Opcode.SCHEMA, _encoded(schemas)),
+            (Opcode.CHANNEL, _encoded(channels)),
+            (Opcode.STATISTICS, _encoded([statistics])),
+            (Opcode.CHUNK_INDEX, _taken(self._chunk_indexes)),
+            (Opcode.ATTACHMENT_INDEX, _encoded(self._attachments)),
+            (Opcode.METADATA_INDEX, _encoded(self._metadata)),
+        )
+        for opcode, data in groups:
+            if data:
+                SummaryOffset(
+                    group_opcode=opcode, group_start=summary_start + len(summary), group_length=len(data)
+                ).write(offsets)
+                summary += data
+        offset_start = summary_start + len(summary)
+        summary += _taken(offsets)
+        footer_head = struct.pack("<BQQQ", Opcode.FOOTER, 20, summary_start, offset_start)
+        self._write(bytes(summary))
+        self._record(
+            Footer(
+                summary_start=summary_start,
+                summary_offset_start=offset_start,
+                summary_crc=zlib.crc32(footer_head, zlib.crc32(summary)),
+            )
+        )
+        self._write(MAGIC)
+
+    def _declare(self, channels: npt.NDArray[np.int64]) -> None:
+        """Write the channels, and their schemas, that no record has named yet."""
+        for number in (n for n in channels.tolist() if n not in self._declared):
+            channel = self._channels[number - 1]
+            if all(self._channels[other - 1].schema_id != channel.schema_id for other in self._declared):
+                self._record(self._schemas[channel.schema_id - 1])
+            self._record(channel)
+            self._declared.add(number)
+
+    def _record(self, record: McapRecord) -> None:
+        self._write(_encoded([record]))
+
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._stream.flush()
+        self._position += len(data)
+
+
+def _encoded(records: Sequence[McapRecord]) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return _taken(builder)
+
+
+def _taken(builder: RecordBuilder) -> bytes:
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

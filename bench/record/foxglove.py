@@ -1,0 +1,141 @@
+"""Poses, scene, plans and events as Foxglove's well-known messages, so that its viewers show a run as it is.
+
+https://docs.foxglove.dev/docs/sdk/schemas; the descriptors come from the package `foxglove-schemas-protobuf`.
+Frames: `map` is the road frame (X along the road, Y to the left, Z up), `veh<i>` the body frame of vehicle i at its
+centre of mass projected onto the road (ISO 8855 axes).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.message import Message
+
+from bench.record.drawing import BODY, LANE_WIDTH, colour, lane_edges
+
+MAP_FRAME = "map"
+LEVELS = {"debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR, "fatal": Log.FATAL}
+_ROAD_START, _ROAD_END = -100.0, 2000.0
+_LINE_WIDTH = 0.12
+
+
+def schema(message: type[Message]) -> tuple[str, bytes]:
+    """Return a message type's full name and serialised FileDescriptorSet, dependencies first."""
+    files: dict[str, Any] = {}
+
+    def collect(file: Any) -> None:
+        for dependency in file.dependencies:
+            collect(dependency)
+        files.setdefault(file.name, file)
+
+    collect(message.DESCRIPTOR.file)
+    result = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(result.file.add())
+    return message.DESCRIPTOR.full_name, result.SerializeToString()
+
+
+def frame_id(vehicle: int) -> str:
+    """Return the name of vehicle `vehicle`'s body frame."""
+    return f"veh{vehicle}"
+
+
+def transforms(time_ns: int, poses: Sequence[tuple[float, float, float, float]]) -> bytes:
+    """Return one FrameTransforms from `map` to each vehicle.
+
+    Args:
+        time_ns: simulated time.
+        poses: X [m], Y [m], psi (yaw) [rad] and phi (roll) [rad] of each vehicle.
+    """
+    message = FrameTransforms()
+    for vehicle, (x, y, psi, phi) in enumerate(poses, start=1):
+        item = message.transforms.add(parent_frame_id=MAP_FRAME, child_frame_id=frame_id(vehicle))
+        item.timestamp.FromNanoseconds(time_ns)
+        item.translation.x, item.translation.y = x, y
+        cos_yaw, sin_yaw = math.cos(psi / 2.0), math.sin(psi / 2.0)
+        cos_roll, sin_roll = math.cos(phi / 2.0), math.sin(phi / 2.0)
+        item.rotation.x, item.rotation.y = cos_yaw * sin_roll, sin_yaw * sin_roll
+        item.rotation.z, item.rotation.w = sin_yaw * cos_roll, cos_yaw * cos_roll
+    return message.SerializeToString()
+
+
+def plan(time_ns: int, x: float, y: float) -> bytes:
+    """Return a plan of one pose in the road frame: where the planner is heading."""
+    message = PosesInFrame(frame_id=MAP_FRAME)
+    message.timestamp.FromNanoseconds(time_ns)
+    pose = message.poses.add()
+    pose.position.x, pose.position.y = x, y
+    pose.orientation.w = 1.0
+    return message.SerializeToString()
+
+
+def log(time_ns: int, level: str, source: str, text: str) -> bytes:
+    """Return a log message.
+
+    Raises:
+        KeyError: `level` is none of `LEVELS`.
+    """
+    message = Log(level=LEVELS[level], name=source, message=text)
+    message.timestamp.FromNanoseconds(time_ns)
+    return message.SerializeToString()
+
+
+def scene(time_ns: int, vehicles: int, lanes: Sequence[float]) -> bytes:
+    """Return the scene: a body and a label fixed to each vehicle's frame, and the lane markings.
+
+    Args:
+        time_ns: simulated time.
+        vehicles: number of vehicles.
+        lanes: Y of the middle of each lane, m.
+    """
+    update = SceneUpdate()
+    for vehicle in range(1, vehicles + 1):
+        _add_body(update.entities.add(id=frame_id(vehicle), frame_id=frame_id(vehicle), frame_locked=True), vehicle)
+    if lanes:
+        _add_road(update.entities.add(id="road", frame_id=MAP_FRAME, frame_locked=True), lanes)
+    for entity in update.entities:
+        entity.timestamp.FromNanoseconds(time_ns)
+    return update.SerializeToString()
+
+
+def _add_body(entity: SceneEntity, vehicle: int) -> None:
+    red, green, blue = (int(colour(vehicle)[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    for middle, base, (length, width, height), alpha in BODY.boxes:
+        cube = entity.cubes.add()
+        cube.pose.position.x, cube.pose.position.z = middle, base + height / 2.0
+        cube.pose.orientation.w = 1.0
+        cube.size.x, cube.size.y, cube.size.z = length, width, height
+        cube.color.r, cube.color.g, cube.color.b, cube.color.a = red, green, blue, alpha
+    label = entity.texts.add(text=str(vehicle), billboard=True, font_size=24.0, scale_invariant=True)
+    label.pose.position.z = 2.2
+    label.pose.orientation.w = 1.0
+    label.color.r = label.color.g = label.color.b = label.color.a = 1.0
+
+
+def _add_road(entity: SceneEntity, lanes: Sequence[float]) -> None:
+    low, high = min(lanes) - LANE_WIDTH / 2.0, max(lanes) + LANE_WIDTH / 2.0
+    surface = entity.cubes.add()
+    surface.pose.position.x, surface.pose.position.y = (_ROAD_START + _ROAD_END) / 2.0, (low + high) / 2.0
+    surface.pose.position.z = -0.06
+    surface.pose.orientation.w = 1.0
+    surface.size.x, surface.size.y, surface.size.z = _ROAD_END - _ROAD_START, high - low + 1.0, 0.1
+    surface.color.r = surface.color.g = surface.color.b = 0.25
+    surface.color.a = 1.0
+    for y, solid in lane_edges(lanes):
+        line = entity.lines.add(thickness=_LINE_WIDTH)
+        line.type = line.LINE_LIST
+        line.pose.orientation.w = 1.0
+        line.color.r = line.color.g = line.color.b = line.color.a = 1.0
+        step, dash = (100.0, 100.0) if solid else (12.0, 4.0)
+        for index in range(int((_ROAD_END - _ROAD_START) / step)):
+            start = _ROAD_START + index * step
+            line.points.add(x=start, y=y)
+            line.points.add(x=start + dash, y=y)

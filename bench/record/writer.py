@@ -1,0 +1,489 @@
+"""The recorder: everything of a run into one MCAP file, cheaply enough to sit in the conductor's process.
+
+Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy, when a chunk is
+full or half a second old. A killed run loses at most that.
+
+Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
+`/plan/veh<i>`, `/events`. log_time and publish_time are simulated time in ns; the host's receive time is in the frame.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import time
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+
+from bench.bus.codec import Codec
+from bench.errors import RunFailed
+from bench.record import can_frame, foxglove
+from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile
+from bench.record.layout import Field, Layout, file_descriptor_set
+from bench.record.signals import SignalMessage, SignalTable, signal_message
+
+CHUNK_BYTES = 64 * 1024
+FLUSH_S = 0.5
+PLAN_MESSAGE = "PlannerTarget"
+
+_PENDING = np.dtype(
+    [("bus", "<u2"), ("length", "u1"), ("can_id", "<u4"), ("time", "<i8"), ("receive", "<i8"), ("data", "u1", (8,))]
+)
+_pack_pending = struct.Struct("<HBIqq8s").pack
+# What a frame comes to in a chunk, raw and decoded, on average; it only sets how soon a chunk is taken for full.
+_BYTES_A_FRAME = 150
+
+_log = logging.getLogger(__name__)
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class _Decoded:
+    """One DBC message on one bus: its decoded channel and its place in the template and signal tables."""
+
+    channel: int
+    template: int
+    message: int
+    length: int
+
+
+class RunWriter:
+    """Writes one run.
+
+    Use as a context manager, or call `close`. Not thread-safe.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        codecs: Mapping[str, Codec],
+        truth_names: Sequence[str],
+        vehicles: int,
+        metadata: Mapping[str, str],
+        attachments: Mapping[str, bytes],
+        truth_units: Mapping[str, str] | None = None,
+    ) -> None:
+        """Create the file and write what is known before the run.
+
+        Args:
+            path: file to make; it must not exist.
+            codecs: bus name -> codec.
+            truth_names: names of the values of a truth row, in order; X, Y, psi and phi among them give the poses.
+            vehicles: number of vehicles.
+            metadata: what describes the run: versions, seed, host, clock ...
+            attachments: file name -> content; lanes for the scene are taken from `scenario.toml`.
+            truth_units: unit of each truth value, where there is one.
+
+        Raises:
+            RunFailed: the file cannot be made.
+            BadInput: a DBC message the log cannot hold.
+        """
+        self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = path.open("xb")
+        except OSError as error:
+            raise RunFailed(f"cannot write the log {path}: {error.strerror or error}") from error
+        self._vehicles = vehicles
+        self._closed = False
+        self._file = self._guard(lambda: McapFile(self._stream, "platoon"))
+        self._guard(lambda: self._write_head(metadata, attachments))
+        self._make_can_channels(codecs)
+        self._make_truth_channels(truth_names, truth_units or {})
+        self._pending = bytearray()
+        self._pending_truth: list[tuple[int, int, bytes]] = []
+        self._pending_other: list[tuple[int, int, bytes]] = []
+        self._pending_bytes = 0
+        self._poses: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
+        self._sequence = np.zeros(self._channels + 1, np.int64)
+        self._flushed_at = time.monotonic()
+        self._lanes = _lanes(attachments.get("scenario.toml", b""))
+        self._scene_written = False
+
+    def __enter__(self) -> RunWriter:
+        """Return the writer itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file, with status `failed` where an error came this far."""
+        if not self._closed:
+            self.close({"status": "failed" if error else "done"})
+
+    def frame(self, bus: str, time_ns: int, can_id: int, data: bytes, receive_ns: int) -> None:
+        """Record one frame.
+
+        Args:
+            bus: bus name, one of the codecs'.
+            time_ns: simulated time.
+            can_id: identifier.
+            data: at most 8 bytes.
+            receive_ns: the host's clock when the frame came.
+
+        Raises:
+            ValueError: more than 8 bytes.
+            RunFailed: the file cannot be written.
+        """
+        if len(data) > can_frame.MAX_DATA:
+            raise ValueError(f"frame 0x{can_id:03X} on {bus}: {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
+        self._pending += _pack_pending(self._bus_numbers[bus], len(data), can_id, time_ns, receive_ns, data)
+        self._noted(_BYTES_A_FRAME)
+
+    def truth(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
+        """Record a truth row: the values of `truth_names`, in that order.
+
+        Raises:
+            ValueError: the row does not have as many values as there are names.
+            RunFailed: the file cannot be written.
+        """
+        if len(values) != self._truth_count:
+            raise ValueError(f"truth row of {len(values)} values, not {self._truth_count}")
+        row = struct.pack(f"<{self._truth_count}d", *values)
+        self._pending_truth.append((vehicle, time_ns, row))
+        self._note_pose(vehicle, time_ns, values)
+        self._noted(len(self._truth_layout.template) + MESSAGE.itemsize)
+
+    def event(self, time_ns: int, level: str, source: str, text: str) -> None:
+        """Record an event; `level` is debug, info, warning, error or fatal.
+
+        Raises:
+            ValueError: an unknown level.
+            RunFailed: the file cannot be written.
+        """
+        if level not in foxglove.LEVELS:
+            raise ValueError(f"event level {level!r}: allowed are {', '.join(foxglove.LEVELS)}")
+        self._other(self._event_channel, time_ns, foxglove.log(time_ns, level, source, text))
+
+    def flush(self) -> None:
+        """Write all that is noted as one chunk, through to the operating system.
+
+        Called by the writer itself whenever a chunk is full or `FLUSH_S` old and something is recorded; call it also
+        while waiting for a frame that does not come.
+
+        Raises:
+            RunFailed: the file cannot be written.
+        """
+        self._flushed_at = time.monotonic()
+        if not self._pending_bytes:
+            return
+        chunk = self._encode()
+        self._pending.clear()
+        self._pending_truth.clear()
+        self._pending_other.clear()
+        self._pending_bytes = 0
+        self._guard(lambda: self._file.add_chunk(*chunk))
+
+    def close(self, result: Mapping[str, str]) -> None:
+        """Write what is pending, the result as metadata `result`, the summary, and close the file.
+
+        Raises:
+            RunFailed: the file cannot be written.
+        """
+        if self._closed:
+            return
+        try:
+            self.flush()
+            self._guard(lambda: self._file.add_metadata("result", result))
+            self._guard(self._file.finish)
+        finally:
+            self._closed = True
+            self._stream.close()
+
+    def _write_head(self, metadata: Mapping[str, str], attachments: Mapping[str, bytes]) -> None:
+        self._file.add_metadata("run", {"vehicles": str(self._vehicles), **metadata})
+        for name, data in attachments.items():
+            self._file.add_attachment(name, _media_type(name), data)
+
+    def _make_can_channels(self, codecs: Mapping[str, Codec]) -> None:
+        """Register a raw channel per bus and a decoded one per bus and message, with their templates."""
+        raw_schema = self._file.add_schema(can_frame.NAME, can_frame.SCHEMA)
+        # Templates 0..8 are raw frames of that many bytes, then come the decoded messages, then truth.
+        templates = [_template(can_frame.template(length)) for length in range(9)]
+        messages: list[SignalMessage] = []
+        places: dict[tuple[str, bytes], int] = {}
+        self._bus_numbers: dict[str, int] = {}
+        self._raw_channels: list[int] = []
+        self._plan_channels: dict[int, tuple[int, SignalMessage]] = {}
+        decoded: dict[int, _Decoded] = {}
+        poses_schema = self._file.add_schema(*foxglove.schema(PosesInFrame))
+        for number, (bus, codec) in enumerate(codecs.items()):
+            self._bus_numbers[bus] = number
+            self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, {"bus": bus}))
+            for message in _messages(bus, codec):
+                place = places.setdefault((message.schema_name, message.schema), len(messages))
+                if place == len(messages):
+                    messages.append(message)
+                    templates.append(_template(message.layout.template))
+                schema = self._file.add_schema(message.schema_name, message.schema)
+                topic = f"/signals/{bus}/{message.name}"
+                channel = self._file.add_channel(topic, schema, {"bus": bus, **message.channel_metadata})
+                decoded[number << 32 | message.can_id] = _Decoded(channel, 9 + place, place, message.length)
+                if message.name == PLAN_MESSAGE:
+                    plan = self._file.add_channel(f"/plan/{bus}", poses_schema, {"source": topic})
+                    self._plan_channels[channel] = (plan, message)
+        self._raw_channel_array = np.array(self._raw_channels, np.int64)
+        self._table = SignalTable(messages)
+        self._signal_places = _SignalPlaces(messages)
+        self._decoded = _DecodedTable(decoded)
+        self._templates = templates
+
+    def _make_truth_channels(self, names: Sequence[str], units: Mapping[str, str]) -> None:
+        """Register the truth, pose, scene and event channels and finish the template table."""
+        layout = Layout([Field(name, "double", units.get(name, "")) for name in names])
+        schema = self._file.add_schema(
+            "platoon.Truth", file_descriptor_set("platoon.Truth", layout, "The vehicle's true state, from its FMU.")
+        )
+        unit_metadata = {f"unit {name}": unit for name, unit in units.items() if name in names}
+        self._truth_channels = {
+            vehicle: self._file.add_channel(f"/truth/veh{vehicle}", schema, {"vehicle": str(vehicle), **unit_metadata})
+            for vehicle in range(1, self._vehicles + 1)
+        }
+        self._truth_layout, self._truth_count = layout, len(names)
+        self._truth_places = np.array([layout.offset(name) for name in names], np.int64) + MESSAGE.itemsize
+        self._truth_template = len(self._templates)
+        self._templates.append(_template(layout.template))
+        self._template_size = np.array([len(template) for template in self._templates], np.int64)
+        self._template_start = np.cumsum(self._template_size) - self._template_size
+        self._template_bytes = np.frombuffer(b"".join(self._templates), np.uint8)
+        pose_names = ("X", "Y", "psi", "phi")
+        self._pose_columns = [names.index(name) for name in pose_names] if set(pose_names) <= set(names) else None
+        self._pose_channel = self._foxglove_channel("/tf", FrameTransforms)
+        self._scene_channel = self._foxglove_channel("/scene", SceneUpdate)
+        self._event_channel = self._channels = self._foxglove_channel("/events", Log)
+
+    def _foxglove_channel(self, topic: str, message: Any) -> int:
+        return self._file.add_channel(topic, self._file.add_schema(*foxglove.schema(message)), {})
+
+    def _noted(self, size: int) -> None:
+        self._pending_bytes += size
+        if self._pending_bytes >= CHUNK_BYTES or time.monotonic() - self._flushed_at >= FLUSH_S:
+            self.flush()
+
+    def _other(self, channel: int, time_ns: int, payload: bytes) -> None:
+        self._pending_other.append((channel, time_ns, payload))
+        self._noted(len(payload) + MESSAGE.itemsize)
+
+    def _note_pose(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
+        """Write the transforms once every vehicle's pose of this time is known."""
+        if self._pose_columns is None:
+            return
+        x, y, psi, phi = (float(values[column]) for column in self._pose_columns)
+        self._poses[vehicle] = (time_ns, (x, y, psi, phi))
+        now = [pose for at, pose in self._poses.values() if at == time_ns]
+        if len(now) < self._vehicles:
+            return
+        if not self._scene_written:
+            self._scene_written = True
+            self._other(self._scene_channel, time_ns, foxglove.scene(time_ns, self._vehicles, self._lanes))
+        ordered = [self._poses[number][1] for number in sorted(self._poses)]
+        self._other(self._pose_channel, time_ns, foxglove.transforms(time_ns, ordered))
+
+    def _guard(self, write: Callable[[], _T]) -> _T:
+        """Call `write`, turning a full disk and its like into one clear error; nothing more is written then."""
+        try:
+            return write()
+        except OSError as error:
+            self._closed = True
+            self._stream.close()
+            raise RunFailed(f"cannot write the log {self._path}: {error.strerror or error}") from error
+
+    def _encode(
+        self,
+    ) -> tuple[memoryview, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return all pending messages as records in the order of time, and channel, time and offset of each.
+
+        Among messages of one time: frames as they came, each raw and then decoded, then truth, then the rest.
+        """
+        frames = np.frombuffer(bytes(self._pending), _PENDING)
+        which = self._decoded.find(frames)
+        known = np.flatnonzero(which >= 0)
+        which = which[known]
+        signal_frame, signal, value = self._table.decode(frames["data"][known], self._decoded.message[which])
+        plans = self._plans(frames["time"][known], self._decoded.channel[which], signal_frame, value)
+        truth, others = self._pending_truth, self._pending_other + plans
+        n_frames, n_known, n_truth = len(frames), len(known), len(truth)
+        # Records in four blocks: raw, decoded, truth, others. `rank` puts them in order among equal times.
+        truth_channels = [self._truth_channels[vehicle] for vehicle, _, _ in truth]
+        channel = np.concatenate(
+            [
+                self._raw_channel_array[frames["bus"]],
+                self._decoded.channel[which],
+                np.array(truth_channels, np.int64),
+                np.array([number for number, _, _ in others], np.int64),
+            ]
+        )
+        times = [at for _, at, _ in truth] + [at for _, at, _ in others]
+        log_time = np.concatenate([frames["time"], frames["time"][known], np.array(times, np.int64)])
+        rank = np.concatenate([np.arange(n_frames) * 2, known * 2 + 1, 2 * n_frames + np.arange(len(times))])
+        template = np.concatenate(
+            [frames["length"].astype(np.int64), self._decoded.template[which], np.full(n_truth, self._truth_template)]
+        )
+        payloads = [MESSAGE.itemsize + len(payload) for _, _, payload in others]
+        size = np.concatenate([self._template_size[template], np.array(payloads, np.int64)])
+        order = np.lexsort((rank, log_time))
+        offset = np.empty(len(order), np.int64)
+        offset[order] = np.cumsum(size[order]) - size[order]
+        out = np.zeros(int(size.sum()), np.uint8)
+
+        n_made = len(template)
+        self._fill_templates(out, offset[:n_made], size[:n_made], self._template_start[template])
+        _fill_headers(out, offset, size, channel, log_time, self._next_sequence(channel, order))
+        can_frame.fill(out, offset[:n_frames] + MESSAGE.itemsize, frames)
+        self._signal_places.fill(out, offset[n_frames : n_frames + n_known][signal_frame], signal, value)
+        rows = np.frombuffer(b"".join(row for _, _, row in truth), np.uint8).reshape(
+            n_truth, self._truth_places.size, 8
+        )
+        at = offset[n_frames + n_known : n_made, None] + self._truth_places
+        out[at[:, :, None] + np.arange(8)] = rows
+        for (_, _, payload), start in zip(others, offset[n_made:].tolist(), strict=True):
+            out[start + MESSAGE.itemsize : start + MESSAGE.itemsize + len(payload)] = np.frombuffer(payload, np.uint8)
+        return out.data, channel[order], log_time[order], offset[order]
+
+    def _fill_templates(
+        self,
+        out: npt.NDArray[np.uint8],
+        offset: npt.NDArray[np.int64],
+        size: npt.NDArray[np.int64],
+        source: npt.NDArray[np.int64],
+    ) -> None:
+        within = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
+        out[within + np.repeat(offset, size)] = self._template_bytes[within + np.repeat(source, size)]
+
+    def _next_sequence(self, channel: npt.NDArray[np.int64], order: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Return each message's running number in its channel, counted in the order of the file."""
+        by_channel = order[np.argsort(channel[order], kind="stable")]
+        grouped = channel[by_channel]
+        starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
+        counts = np.diff(np.append(starts, len(grouped)))
+        within = np.arange(len(grouped)) - np.repeat(starts, counts)
+        sequence = np.empty(len(channel), np.int64)
+        sequence[by_channel] = self._sequence[grouped] + within
+        self._sequence[grouped[starts]] += counts
+        return sequence
+
+    def _plans(
+        self,
+        log_time: npt.NDArray[np.int64],
+        channel: npt.NDArray[np.int64],
+        signal_frame: npt.NDArray[np.int64],
+        value: npt.NDArray[np.float64],
+    ) -> list[tuple[int, int, bytes]]:
+        """Return a plan for each frame that carries a planner's target."""
+        plans = []
+        for decoded, (plan_channel, message) in self._plan_channels.items():
+            names = message.layout.values
+            x, y = names.index("TargetX"), names.index("TargetY")
+            for frame in np.flatnonzero(channel == decoded).tolist():
+                first = int(np.searchsorted(signal_frame, frame))
+                at = int(log_time[frame])
+                plans.append((plan_channel, at, foxglove.plan(at, float(value[first + x]), float(value[first + y]))))
+        return plans
+
+
+class _DecodedTable:
+    """Finds the decoded channel of each frame by bus, identifier and length."""
+
+    def __init__(self, decoded: Mapping[int, _Decoded]) -> None:
+        keys = sorted(decoded)
+        self._keys = np.array(keys, np.int64)
+        self._length = np.array([decoded[key].length for key in keys], np.int64)
+        self.channel = np.array([decoded[key].channel for key in keys], np.int64)
+        self.template = np.array([decoded[key].template for key in keys], np.int64)
+        self.message = np.array([decoded[key].message for key in keys], np.int64)
+
+    def find(self, frames: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
+        """Return each frame's index in this table, -1 for a frame the DBC does not know or of another length."""
+        if not len(self._keys):
+            return np.full(len(frames), -1, np.int64)
+        keys = frames["bus"].astype(np.int64) << 32 | frames["can_id"].astype(np.int64)
+        found = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
+        good = (self._keys[found] == keys) & (frames["length"] == self._length[found])
+        return np.where(good, found, -1)
+
+
+class _SignalPlaces:
+    """Where in its record each signal of the table goes, and in which encoding."""
+
+    def __init__(self, messages: Sequence[SignalMessage]) -> None:
+        places = [message.layout.offset(name) for message in messages for name in message.layout.values]
+        types = [str(message.layout.dtype[name].str) for message in messages for name in message.layout.values]
+        self._place = np.array(places, np.int64) + MESSAGE.itemsize
+        self._types = sorted(set(types))
+        self._type = np.array([self._types.index(item) for item in types], np.int64)
+
+    def fill(
+        self,
+        out: npt.NDArray[np.uint8],
+        record: npt.NDArray[np.int64],
+        signal: npt.NDArray[np.int64],
+        value: npt.NDArray[np.float64],
+    ) -> None:
+        """Write values (n,) of signals (n,) into their records, which start at `record` (n,)."""
+        kind = self._type[signal]
+        place = record + self._place[signal]
+        for number, name in enumerate(self._types):
+            chosen = np.flatnonzero(kind == number)
+            if len(chosen):
+                data = value[chosen].astype(name)
+                width = data.dtype.itemsize
+                out[place[chosen, None] + np.arange(width)] = data.view(np.uint8).reshape(-1, width)
+
+
+def _messages(bus: str, codec: Codec) -> list[SignalMessage]:
+    """Return the log's form of all messages of a bus; `veh1` and `veh2` share their schemas as `veh`."""
+    package = f"platoon.{bus.rstrip('0123456789')}"
+    messages = (codec.message(name) for name in codec.names)
+    return [signal_message(package, message, wall_clock=codec.is_wall_clock(message.frame_id)) for message in messages]
+
+
+def _template(payload: bytes) -> bytes:
+    header = np.zeros(1, MESSAGE)
+    header["opcode"], header["length"] = 5, MESSAGE_FIELDS + len(payload)
+    return header.tobytes() + payload
+
+
+def _fill_headers(
+    out: npt.NDArray[np.uint8],
+    offset: npt.NDArray[np.int64],
+    size: npt.NDArray[np.int64],
+    channel: npt.NDArray[np.int64],
+    log_time: npt.NDArray[np.int64],
+    sequence: npt.NDArray[np.int64],
+) -> None:
+    header = np.empty(len(offset), MESSAGE)
+    header["opcode"] = 5
+    header["length"] = size - 9
+    header["channel"], header["sequence"] = channel, sequence & 0xFFFFFFFF
+    header["log_time"] = header["publish_time"] = log_time
+    out[offset[:, None] + np.arange(MESSAGE.itemsize)] = header.view(np.uint8).reshape(-1, MESSAGE.itemsize)
+
+
+def _media_type(name: str) -> str:
+    kinds = {".toml": "application/toml", ".xml": "application/xml", ".json": "application/json"}
+    return kinds.get(Path(name).suffix, "text/plain")
+
+
+def _lanes(scenario: bytes) -> list[float]:
+    """Return the middles of the lanes a scenario's vehicles start and end in, m; none where it cannot be read."""
+    try:
+        values = tomllib.loads(scenario.decode())
+        lanes = {float(values["platoon"]["lane_y_m"])}
+        lanes |= {float(vehicle["y_m"]) for vehicle in values["vehicles"]}
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError, KeyError, TypeError, ValueError) as error:
+        _log.debug("no lanes in the scene: %s", error)
+        return []
+    return sorted(lanes)
