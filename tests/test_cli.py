@@ -1,0 +1,221 @@
+"""The command `platoon` as a user calls it: in a process of its own, by its output and its exit code."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bench.scenario import load, shipped
+
+SHORT = ["--can", "direct", "--set", "duration_s=0.2"]
+
+
+def platoon(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Call the command in a directory; no colours, a wide terminal."""
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
+    command = [sys.executable, "-m", "bench.cli", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=environment, timeout=300)
+
+
+def refused(*arguments: str, cwd: Path) -> str:
+    """Call the command, which must end with exit code 2, one message and nothing written; return the message."""
+    before = sorted(cwd.rglob("*"))
+    done = platoon(*arguments, cwd=cwd)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    assert sorted(cwd.rglob("*")) == before
+    return done.stderr
+
+
+@pytest.fixture(scope="module")
+def platoon_log(tmp_path_factory):
+    """The log of a platoon that has been formed from the start."""
+    folder = tmp_path_factory.mktemp("platoon")
+    arguments = ["--set", "road.force_y_n=0.0", "--out", "run.mcap"]
+    done = platoon("run", "crosswind", *SHORT, *arguments, cwd=folder)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "run.mcap", done
+
+
+# run
+
+
+def test_run_shows_progress_figures_and_paths(platoon_log):
+    log, done = platoon_log
+    assert "crosswind: 0.2 of 0.2 s simulated" in done.stderr
+    for figure in ("formation time", "least distance", "final gaps", "boundary margin", "solver", "real-time factor"):
+        assert figure in done.stdout
+    assert "log:    run.mcap" in done.stdout
+    assert "report: run.html" in done.stdout
+    assert log.stat().st_size > 0
+    assert log.with_suffix(".html").stat().st_size > 0
+
+
+def test_run_writes_to_logs_by_default_and_fails_where_no_platoon_was_formed(tmp_path):
+    done = platoon("run", *SHORT, "--no-report", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "formation did not form a platoon in 0.2 s" in done.stderr
+    assert "not formed" in done.stdout
+    (log,) = (tmp_path / "logs").iterdir()
+    assert log.name.startswith("formation-")
+    assert log.suffix == ".mcap"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["formtion"], "Did you mean formation?"),
+        (
+            ["--set", "platoon.gap_m=-10.0"],
+            "platoon.gap_m = -10.0 is not allowed; allowed: a finite number from 5 to 100",
+        ),
+        (["--set", "platoon.gapm=9"], "did you mean platoon.gap_m?"),
+        (["--set", "vehicles.1.x_m=8.0", "--set", "vehicles.1.y_m=0.0"], "(vehicle 2) starts 0.00 m from vehicle 1"),
+        (["--set", "planner.near_identity_length_m=0.1"], "planner.near_identity_length_m is not allowed"),
+        (["--set", "nonsense"], "--set nonsense: want KEY=VALUE"),
+        (["--seed", "-1"], "seed = -1 is not allowed"),
+        (["--seed", "one"], "not a valid int"),
+        (["--can", "carrier-pigeon"], "--can carrier-pigeon: not a bus; allowed: udp"),
+        (["--clock", "realtime"], "--clock realtime: no such clock; allowed: lockstep"),
+        (["--ecu", "tracker"], "--ecu tracker: want ROLE=CLASS"),
+        (["--ecu", "tracker=no.such.module:Tracker", "--can", "direct"], "no.such.module"),
+        (["--external", "veh9.tracker", "--can", "direct"], "veh9.tracker"),
+        (["--out", "nowhere/run.mcap"], "there is no directory nowhere; make it with: mkdir -p nowhere"),
+        (["--no-such-option"], "No such option"),
+    ],
+)
+def test_bad_input_to_run_ends_with_2_before_anything_starts(arguments, message, tmp_path):
+    (tmp_path / "logs").mkdir()
+    assert message in refused("run", *arguments, cwd=tmp_path)
+
+
+def test_a_scenario_file_is_refused_by_name_and_line(tmp_path):
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(load("formation").toml().replace("gap_m = 10.0", 'gap_m = "10 m"'))
+    line = 1 + scenario.read_text().splitlines().index('gap_m = "10 m"')
+    message = refused("run", "mine.toml", cwd=tmp_path)
+    assert message.startswith("platoon: Scenario mine.toml has 1 error:\n")
+    assert f'line {line}: platoon.gap_m = "10 m" is not allowed' in message
+
+
+def test_a_log_that_is_there_is_never_overwritten(platoon_log):
+    log, _ = platoon_log
+    before = log.read_bytes()
+    assert "run.mcap is there already" in refused("run", *SHORT, "--out", "run.mcap", cwd=log.parent)
+    (log.parent / "other.html").touch()
+    assert "other.html is there already" in refused("run", *SHORT, "--out", "other.mcap", cwd=log.parent)
+    assert log.read_bytes() == before
+
+
+# what comes after a run
+
+
+def test_metrics_gives_every_figure_from_the_log_alone(platoon_log):
+    log, _ = platoon_log
+    figures = json.loads(platoon("metrics", str(log), "--json", cwd=log.parent).stdout)
+    assert {
+        "formation_time_s",
+        "least_distance_m",
+        "final_gaps_m",
+        "final_speeds_mps",
+        "final_lateral_errors_m",
+        "final_yaws_rad",
+        "boundary_margin_min",
+        "speed_rmse_mps",
+        "yaw_rate_rmse_radps",
+        "solver_ms",
+        "planner_ms",
+        "fallback_steps",
+        "frames_lost",
+        "real_time_factor",
+    } <= figures.keys()
+    assert figures["formation_time_s"] == 0.0
+    assert figures["final_gaps_m"] == pytest.approx([10.0, 10.0], abs=0.05)
+    assert len(figures["speed_rmse_mps"]) == 3
+    table = platoon("metrics", str(log), cwd=log.parent)
+    assert table.returncode == 0
+    assert "veh3" in table.stdout
+
+
+def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path):
+    log, _ = platoon_log
+    done = platoon("report", str(log), "-o", "mine.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "<html" in (tmp_path / "mine.html").read_text(encoding="utf-8")[:2000].lower()
+    assert "there is no directory nowhere" in refused("report", str(log), "-o", "nowhere/r.html", cwd=tmp_path)
+
+
+def test_diff_tells_the_same_run_from_another(platoon_log, tmp_path):
+    log, _ = platoon_log
+    again = ["run", "crosswind", *SHORT, "--set", "road.force_y_n=0.0", "--no-report"]
+    assert platoon(*again, "--out", "again.mcap", cwd=tmp_path).returncode == 0
+    assert platoon(*again, "--set", "vehicles.0.speed_mps=20.1", "--out", "other.mcap", cwd=tmp_path).returncode == 0
+    same = platoon("diff", str(log), "again.mcap", cwd=tmp_path)
+    assert same.returncode == 0, same.stdout
+    different = platoon("diff", str(log), "other.mcap", cwd=tmp_path)
+    assert different.returncode == 1
+    assert "veh1" in different.stdout
+
+
+@pytest.mark.parametrize("command", [["metrics"], ["report"], ["diff", "garbage.mcap"]])
+def test_what_is_no_log_is_refused(command, tmp_path):
+    (tmp_path / "garbage.mcap").write_bytes(b"garbage" * 100)
+    (tmp_path / "empty.mcap").touch()
+    assert "is not there" in refused(*command, "missing.mcap", cwd=tmp_path) or command[0] == "diff"
+    assert "garbage.mcap" in refused(*command, "garbage.mcap", cwd=tmp_path)
+    assert ".mcap" in refused(*command, "empty.mcap", cwd=tmp_path)
+    assert "directory" in refused(*command[:1], *[str(tmp_path)] * len(command), cwd=tmp_path)
+
+
+# the rest
+
+
+def test_scenarios_lists_and_prints_the_shipped_ones(tmp_path):
+    listed = platoon("scenarios", cwd=tmp_path).stdout
+    for name in shipped():
+        assert f"{name} " in listed
+    (tmp_path / "mine.toml").write_text(platoon("scenarios", "five", cwd=tmp_path).stdout)
+    assert load(tmp_path / "mine.toml").vehicles == load("five").vehicles
+    assert "shipped are" in refused("scenarios", "six", cwd=tmp_path)
+
+
+def test_fmu_is_built_checked_and_described(tmp_path):
+    assert platoon("fmu", "build", "-o", "here", cwd=tmp_path).returncode == 0
+    fmu = "here/Vehicle.fmu"
+    assert "no problems found" in platoon("fmu", "validate", fmu, cwd=tmp_path).stdout
+    info = platoon("fmu", "info", fmu, cwd=tmp_path).stdout
+    assert "Vehicle, FMI 2.0, Model Exchange and Co-Simulation" in info
+    assert "steering_angle" in info
+    (tmp_path / "garbage.fmu").write_bytes(b"garbage")
+    for command in ("validate", "info"):
+        assert "garbage.fmu" in refused("fmu", command, "garbage.fmu", cwd=tmp_path)
+        assert "missing.fmu" in refused("fmu", command, "missing.fmu", cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["planner", "--vehicle", "1", "--can", "direct"], "--can direct"),
+        (["planner", "--vehicle", "4", "--can", "udp:45000"], "has vehicles 1 to 3"),
+        (["planner", "--vehicle", "1", "--can", "udp"], "udp:PORT"),
+        (["steward", "--vehicle", "1", "--can", "udp:45000"], "steward"),
+    ],
+)
+def test_bad_input_to_ecu_ends_with_2(arguments, message, tmp_path):
+    assert message in refused("ecu", *arguments, cwd=tmp_path)
+
+
+def test_doctor_looks_at_all_that_a_run_needs(tmp_path):
+    found = platoon("doctor", cwd=tmp_path).stdout
+    for subject in ("Python", "C compiler", "vehicle FMU", "bus udp", "bus vcan", "cores", "logs"):
+        assert subject in found
+
+
+def test_exit_codes_are_told_in_help(tmp_path):
+    for arguments in (["--help"], ["run", "--help"]):
+        done = platoon(*arguments, cwd=tmp_path)
+        assert done.returncode == 0
+        assert "0 done, 1 the run failed or did not form a platoon, 2 bad input" in done.stdout
