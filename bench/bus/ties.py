@@ -1,0 +1,106 @@
+"""What ties a process of a bench to its conductor besides the buses: a lifeline and a pipe for reports.
+
+The lifeline is the reading end of a pipe whose writing end only the conductor has: it becomes readable, as ended, when
+the conductor is gone, however that happened. Reports are records in a pipe that all processes of a bench share; a
+record of up to PIPE_BUF bytes is written whole or not at all (POSIX write), so records never mix.
+"""
+
+import json
+import os
+import select
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+from bench.bus.topic import Topic
+
+_HEAD = struct.Struct("<BxH")
+_TRUTH = struct.Struct("<HxxI")
+
+
+class Kind(IntEnum):
+    """What a report says."""
+
+    STARTED = 1
+    """A process has been started: its name and process number."""
+    READY = 2
+    """A process listens on its buses: its name and the inputs of its nodes."""
+    ENDED = 3
+    """A process has ended: its name and its exit code, the negated signal number where a signal ended it."""
+    TRUTH = 4
+    """A truth row: vehicle, cycle, values."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """One truth row of one vehicle."""
+
+    vehicle: int
+    cycle: int
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ties:
+    """A process's ends of the two pipes.
+
+    Attributes:
+        lifeline: readable once the conductor is gone.
+        reports: writing end of the pipe for reports.
+    """
+
+    lifeline: int
+    reports: int
+
+    def ready(self, name: str, inputs: Sequence[Topic]) -> None:
+        """Report that the process `name` listens on its buses for `inputs`."""
+        self.report(Kind.READY, {"name": name, "inputs": [[topic.bus, topic.message] for topic in inputs]})
+
+    def truth(self, vehicle: int, cycle: int, values: Sequence[float]) -> None:
+        """Report a truth row."""
+        row = _TRUTH.pack(vehicle, cycle) + struct.pack(f"<{len(values)}d", *values)
+        self._write(Kind.TRUTH, row)
+
+    def report(self, kind: Kind, content: dict[str, Any]) -> None:
+        """Report something that happens once.
+
+        Raises:
+            ValueError: the record is longer than a pipe takes in one piece.
+        """
+        self._write(kind, json.dumps(content).encode())
+
+    def _write(self, kind: Kind, payload: bytes) -> None:
+        record = _HEAD.pack(kind, len(payload)) + payload
+        if len(record) > select.PIPE_BUF:
+            raise ValueError(f"report of {len(record)} bytes; a pipe takes {select.PIPE_BUF} in one piece")
+        os.write(self.reports, record)
+
+
+class ReportReader:
+    """Puts together the records that come out of the pipe."""
+
+    def __init__(self) -> None:
+        """Begin with nothing read."""
+        self._buffer = b""
+
+    def feed(self, data: bytes) -> Iterator[tuple[Kind, bytes]]:
+        """Give kind and payload of each record that `data` completes."""
+        buffer = self._buffer + data
+        start = 0
+        while len(buffer) - start >= _HEAD.size:
+            kind, length = _HEAD.unpack_from(buffer, start)
+            end = start + _HEAD.size + length
+            if len(buffer) < end:
+                break
+            yield Kind(kind), buffer[start + _HEAD.size : end]
+            start = end
+        self._buffer = buffer[start:]
+
+
+def read_truth(payload: bytes) -> Truth:
+    """Return the truth row in a record's payload."""
+    vehicle, cycle = _TRUTH.unpack_from(payload)
+    count = (len(payload) - _TRUTH.size) // 8
+    return Truth(vehicle, cycle, struct.unpack_from(f"<{count}d", payload, _TRUTH.size))

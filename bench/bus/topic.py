@@ -1,0 +1,60 @@
+"""What goes over the buses between a node and the rest: topics, outgoing messages, bus health."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+Signals = Mapping[str, float]
+"""The physical values of one message's signals by name, in the DBC's units."""
+
+V2V = "v2v"
+"""Name of the radio between the vehicles; vehicle i's own bus is `veh<i>`."""
+
+PLANT = "plant"
+"""Name of the process that all vehicles' FMUs run in."""
+
+CYCLE_MS = 10
+"""Length of a cycle in simulated ms; all messages have this cycle time."""
+
+
+def vehicle_bus(vehicle: int) -> str:
+    """Name of vehicle `vehicle`'s own bus (vehicles count from 1)."""
+    return f"veh{vehicle}"
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One message on one bus, as something to listen to."""
+
+    bus: str
+    message: str
+
+    @property
+    def delay(self) -> int:
+        """Age in cycles at which this topic takes part in a step.
+
+        What comes by radio was sent in the cycle before: each planner's V2V message is the outcome of its own step,
+        so planners that waited for each other's message of the same cycle would wait for ever.
+        """
+        return 1 if self.bus == V2V else 0
+
+
+@dataclass(frozen=True, slots=True)
+class Outgoing:
+    """One message to be sent: which bus, which message, its signals' physical values in the DBC's units."""
+
+    bus: str
+    message: str
+    values: Signals
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """What a node knows about its buses since it started.
+
+    Attributes:
+        frames_lost: frames that the kernel dropped before this node could read them.
+        e2e_errors: received frames with a wrong CRC or an alive counter out of sequence.
+    """
+
+    frames_lost: int = 0
+    e2e_errors: int = 0

@@ -1,0 +1,352 @@
+"""Those who do the work of a run, as the conductor sees them; here as processes of their own."""
+
+import json
+import os
+import pickle
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from types import TracebackType
+from typing import Protocol
+
+from bench.bus.base import Link
+from bench.bus.ties import Kind, ReportReader, Truth, read_truth
+from bench.bus.topic import Topic
+from bench.conductor.interrupts import Interrupts
+from bench.conductor.nursery import Brood, Child
+from bench.errors import RunFailed
+
+LAST_WORDS_BYTES = 8192
+"""What is kept of the end of a process's standard error."""
+
+_NURSERY = "nursery"
+_THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+class Ended(RunFailed):
+    """A process ended that should have gone on."""
+
+
+class Listener(Protocol):
+    """Takes what a crew brings."""
+
+    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+        """Take frames that have come on a bus."""
+
+    def truth(self, row: Truth) -> None:
+        """Take a truth row."""
+
+    def words(self, name: str, text: str) -> None:
+        """Take what the process `name` has written to its standard output or error."""
+
+
+class Crew(Protocol):
+    """Plant and ECUs of a run.
+
+    Attributes:
+        inputs: what each process takes, by its name.
+    """
+
+    inputs: Mapping[str, Sequence[Topic]]
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Wait until all listen on their buses.
+
+        Raises:
+            RunFailed: one of them ended, or is not ready after `timeout_s` s.
+            Interrupted: a signal has come.
+        """
+
+    def attend(self, timeout_s: float) -> bool:
+        """Wait for frames and hand on all that comes; False where none came for `timeout_s` s, or none can come.
+
+        Raises:
+            RunFailed: one of them ended or failed.
+            Interrupted: a signal has come.
+        """
+
+    def stop(self, grace_s: float) -> list[str]:
+        """See to the end of all of them, who have been told to stop; kill those that have not after `grace_s` s.
+
+        Returns what went wrong with it, a sentence each.
+        """
+
+
+@dataclass(frozen=True)
+class Member:
+    """A process to be started.
+
+    Attributes:
+        name: as in messages to a person.
+        target: `module:function` to run in it, see `Child`.
+        arguments: for the function, besides the `Ties`.
+        early: whether it is started before what the others share is imported.
+    """
+
+    name: str
+    target: str
+    arguments: tuple[object, ...]
+    early: bool = False
+
+
+@dataclass
+class _Process:
+    """A member under watch."""
+
+    stderr: int
+    words: bytearray = field(default_factory=bytearray)
+    pid: int | None = None
+    ready: bool = False
+    code: int | None = None
+
+
+class ProcessCrew:
+    """A crew of processes, all forked from one nursery (see there).
+
+    A context manager: at its end nothing of the crew is left, however the run went.
+    """
+
+    def __init__(
+        self,
+        members: Sequence[Member],
+        preload: Sequence[str],
+        links: Mapping[str, Link],
+        listener: Listener,
+        interrupts: Interrupts,
+    ) -> None:
+        """Start the processes; `wait_ready` waits for them.
+
+        Args:
+            members: the processes.
+            preload: ECU classes to import once for all.
+            links: the conductor's links, whose frames go to `listener`.
+            listener: takes what comes.
+            interrupts: ends the waiting.
+        """
+        self.inputs: dict[str, Sequence[Topic]] = {}
+        self._links = links
+        self._listening: list[Link] = []
+        self._listener = listener
+        self._interrupts = interrupts
+        self._reader = ReportReader()
+        self._reports, reports = os.pipe()
+        os.set_blocking(self._reports, False)
+        self._reports_open = True
+        self._processes: dict[str, _Process] = {}
+        self._selector = selectors.DefaultSelector()
+        stderrs = {name: self._watch_words(name) for name in (_NURSERY, *(member.name for member in members))}
+        children = tuple(Child(m.name, m.target, pickle.dumps(m.arguments), stderrs[m.name], m.early) for m in members)
+        try:
+            self._nursery = _start(Brood(children, tuple(preload), reports, os.getpid()), stderrs.pop(_NURSERY))
+        finally:
+            for descriptor in (reports, *stderrs.values()):
+                os.close(descriptor)
+        self._register(self._reports, self._take_reports)
+        self._register(interrupts.fileno(), self._note_interrupt)
+
+    def __enter__(self) -> "ProcessCrew":
+        """Return the crew itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Kill what is left of the crew."""
+        self.close()
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """See `Crew`."""
+        deadline = time.monotonic() + timeout_s
+        while waiting := [name for name, process in self._members() if not process.ready]:
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s")
+            self._select(left)
+            self._check()
+        # Frames are due from here on.
+        for bus, link in self._links.items():
+            self._register(link.fileno(), partial(self._take_frames, bus, link))
+            self._listening.append(link)
+
+    def attend(self, timeout_s: float) -> bool:
+        """See `Crew`."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            heard = self._select(max(0.0, deadline - time.monotonic()))
+            self._check()
+            if heard:
+                return True
+            if time.monotonic() >= deadline:
+                return False
+
+    def stop(self, grace_s: float) -> list[str]:
+        """See `Crew`."""
+        for link in self._listening:
+            self._selector.unregister(link.fileno())
+        self._listening.clear()
+        self._await_end(grace_s)
+        problems = [
+            f"{self._end_of(name)} when it was to stop{self._last_words(name)}"
+            for name, process in self._members()
+            if process.code
+        ]
+        problems += [f"{name} did not stop and was killed" for name, process in self._members() if process.code is None]
+        self.close()
+        return problems
+
+    def close(self) -> None:
+        """Kill what is left of the crew and close the pipes; harmless when done before."""
+        if self._reports < 0:
+            return
+        if self._nursery.stdin is not None:
+            with suppress(BrokenPipeError):
+                self._nursery.stdin.close()
+        self._await_end(1.0)
+        try:
+            self._nursery.wait(1.0)
+        except subprocess.TimeoutExpired:
+            # Its children die with it.
+            self._nursery.kill()
+            self._nursery.wait()
+        self._selector.close()
+        os.close(self._reports)
+        for process in self._processes.values():
+            os.close(process.stderr)
+        self._reports = -1
+
+    def _members(self) -> list[tuple[str, _Process]]:
+        return [(name, process) for name, process in self._processes.items() if name != _NURSERY]
+
+    def _watch_words(self, name: str) -> int:
+        """Take up the process `name`; return the writing end of the pipe for its standard error."""
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        self._processes[name] = _Process(reader)
+        self._register(reader, partial(self._take_words, name))
+        return writer
+
+    def _register(self, descriptor: int, handler: Callable[[], bool]) -> None:
+        self._selector.register(descriptor, selectors.EVENT_READ, handler)
+
+    def _select(self, timeout_s: float) -> bool:
+        """Wait once and handle what has come; whether frames were among it."""
+        heard = False
+        for key, _ in self._selector.select(timeout_s):
+            heard |= key.data()
+        return heard
+
+    def _take_frames(self, bus: str, link: Link) -> bool:
+        frames = link.receive()
+        self._listener.frames(bus, frames)
+        return bool(frames)
+
+    def _take_words(self, name: str) -> bool:
+        process = self._processes[name]
+        text = _read(process.stderr)
+        if text is None:
+            return False
+        if not text:
+            self._selector.unregister(process.stderr)
+            return False
+        process.words += text
+        del process.words[:-LAST_WORDS_BYTES]
+        self._listener.words(name, text.decode(errors="replace"))
+        return False
+
+    def _take_reports(self) -> bool:
+        data = _read(self._reports)
+        if data is None:
+            return False
+        if not data:
+            self._selector.unregister(self._reports)
+            self._reports_open = False
+            return False
+        for kind, payload in self._reader.feed(data):
+            if kind is Kind.TRUTH:
+                self._listener.truth(read_truth(payload))
+            else:
+                self._note(kind, payload)
+        return False
+
+    def _note(self, kind: Kind, payload: bytes) -> None:
+        content = json.loads(payload)
+        process = self._processes[content["name"]]
+        if kind is Kind.STARTED:
+            process.pid = content["pid"]
+        elif kind is Kind.READY:
+            process.ready = True
+            self.inputs[content["name"]] = [Topic(bus, message) for bus, message in content["inputs"]]
+        elif kind is Kind.ENDED:
+            process.code = content["code"]
+
+    def _note_interrupt(self) -> bool:
+        self._selector.unregister(self._interrupts.fileno())
+        return False
+
+    def _check(self) -> None:
+        self._interrupts.check()
+        ended = [name for name, process in self._members() if process.code is not None]
+        if ended:
+            raise Ended("\n".join(f"{self._end_of(name)}{self._last_words(name)}" for name in ended))
+        if not self._reports_open:
+            raise Ended(f"the processes' {_NURSERY} ended{self._last_words(_NURSERY)}")
+
+    def _await_end(self, timeout_s: float) -> None:
+        deadline = time.monotonic() + timeout_s
+        while self._reports_open and any(process.code is None for _, process in self._members()):
+            left = deadline - time.monotonic()
+            if left <= 0:
+                return
+            self._select(left)
+
+    def _end_of(self, name: str) -> str:
+        process = self._processes[name]
+        code = process.code or 0
+        how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+        return f"{name} (process {process.pid}) {how}"
+
+    def _last_words(self, name: str) -> str:
+        # The pipe may hold more than has been taken; the process is gone, so this is all there will be.
+        process = self._processes[name]
+        while text := _read(process.stderr):
+            process.words += text
+        words = bytes(process.words[-LAST_WORDS_BYTES:]).decode(errors="replace").strip()
+        return f"; its last words:\n{words}" if words else "; it left no last words"
+
+
+def _start(brood: Brood, stderr: int) -> subprocess.Popen[bytes]:
+    """Start a nursery; its standard input is the lifeline."""
+    environment = os.environ | _THREADS | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        nursery = subprocess.Popen(
+            [sys.executable, "-P", "-c", "from bench.conductor.nursery import main; main()"],
+            stdin=subprocess.PIPE,
+            stdout=stderr,
+            stderr=stderr,
+            env=environment,
+            pass_fds=(brood.reports, *(child.stderr for child in brood.children)),
+            # Ctrl-C in a terminal goes to all processes of its group: it is the conductor's business alone.
+            start_new_session=True,
+        )
+    finally:
+        os.close(stderr)
+    # One that has died already is noticed when its pipe for reports ends.
+    with suppress(BrokenPipeError):
+        if nursery.stdin is not None:
+            nursery.stdin.write(pickle.dumps(brood))
+            nursery.stdin.flush()
+    return nursery
+
+
+def _read(descriptor: int) -> bytes | None:
+    """Read what there is: nothing (b"") at the end of the pipe, None where there is just none now."""
+    try:
+        return os.read(descriptor, 65536)
+    except BlockingIOError:
+        return None

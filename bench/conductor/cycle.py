@@ -1,0 +1,144 @@
+"""What one cycle of a run consists of: which frames are due, which have come, who keeps the others waiting."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from bench.bus.codec import Codec
+from bench.bus.e2e import COUNTER_MODULUS
+from bench.bus.topic import CYCLE_MS, PLANT, V2V, Topic
+from bench.ecu.main import ecu_name
+
+_CONDUCTOR = "Conductor"
+_VEHICLE = "Vehicle"
+
+
+@dataclass(frozen=True, slots=True)
+class Due:
+    """A frame that every cycle must bring.
+
+    Attributes:
+        bus: on which bus.
+        can_id: its identifier.
+        message: its name.
+        sender: name of the process that sends it.
+        protected: whether it carries an alive counter.
+    """
+
+    bus: str
+    can_id: int
+    message: str
+    sender: str
+    protected: bool
+
+    @property
+    def topic(self) -> Topic:
+        """The frame as something to listen to."""
+        return Topic(self.bus, self.message)
+
+
+def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int, Due]]:
+    """Return the frames of a cycle by bus and identifier, as the DBC's senders and cycle times have it."""
+    due: dict[str, dict[int, Due]] = {}
+    for bus, codec in codecs.items():
+        due[bus] = {}
+        for name in codec.names:
+            message = codec.message(name)
+            sender = _sender(bus, message.senders[0], vehicles)
+            if sender is not None and message.cycle_time == CYCLE_MS:
+                can_id = codec.can_id(name)
+                due[bus][can_id] = Due(bus, can_id, name, sender, codec.is_protected(can_id))
+    return due
+
+
+def _sender(bus: str, node: str, vehicles: int) -> str | None:
+    """The process that is the DBC's `node` on `bus`; None for the conductor and vehicles that are not there."""
+    if node == _CONDUCTOR:
+        return None
+    if bus == V2V:
+        vehicle = int(node.removeprefix(_VEHICLE))
+        return ecu_name("planner", vehicle) if vehicle <= vehicles else None
+    if node == "Plant":
+        return PLANT
+    return f"{bus}.{node.lower()}"
+
+
+class CycleFrames:
+    """Collects the frames of one cycle after the other.
+
+    Attributes:
+        number: the cycle being collected.
+        frames: identifier and data of the frames that came, by bus.
+        strays: frames that no cycle should bring, or not again, since `begin`.
+    """
+
+    def __init__(self, due: Mapping[str, Mapping[int, Due]]) -> None:
+        """Begin before the first cycle."""
+        self._due = due
+        self._missing: dict[str, dict[int, Due]] = {}
+        self._count = 0
+        self.number = -1
+        self._counter = 0
+        self.frames: dict[str, list[tuple[int, bytes]]] = {bus: [] for bus in due}
+        self.strays: list[tuple[str, int]] = []
+
+    def begin(self, number: int) -> None:
+        """Collect the cycle `number` from here on."""
+        self.number = number
+        self._counter = number % COUNTER_MODULUS
+        self._missing = {bus: dict(due) for bus, due in self._due.items()}
+        self._count = sum(len(due) for due in self._missing.values())
+        self.frames = {bus: [] for bus in self._due}
+        self.strays = []
+
+    @property
+    def complete(self) -> bool:
+        """Whether every frame that is due has come."""
+        return self._count == 0
+
+    def take(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+        """Take in frames that have come on `bus`."""
+        self.frames[bus].extend(frames)
+        missing = self._missing[bus]
+        for can_id, data in frames:
+            due = missing.get(can_id)
+            if due is None or (due.protected and data[1] & 0x0F != self._counter):
+                self.strays.append((bus, can_id))
+                continue
+            del missing[can_id]
+            self._count -= 1
+
+    def ordered(self) -> Iterator[tuple[str, int, bytes]]:
+        """Give the frames in the order of the log: by bus, then by identifier, whatever order they came in."""
+        for bus, frames in self.frames.items():
+            for can_id, data in sorted(frames, key=_can_id):
+                yield bus, can_id, data
+
+    def missing(self) -> list[Due]:
+        """The frames that have not come."""
+        return [due for missing in self._missing.values() for due in missing.values()]
+
+    def silent(self, inputs: Mapping[str, Sequence[Topic]]) -> str:
+        """Say who keeps the cycle waiting: who has not sent although it has got all its inputs.
+
+        Args:
+            inputs: what each process takes, by its name.
+        """
+        missing = self.missing()
+        not_come = {due.topic for due in missing}
+        senders = list(dict.fromkeys(due.sender for due in missing))
+        guilty = [name for name in senders if not _waits(inputs.get(name, ()), not_come)] or senders
+        return "; ".join(_silence(name, [due for due in missing if due.sender == name]) for name in guilty)
+
+
+def _waits(inputs: Sequence[Topic], not_come: set[Topic]) -> bool:
+    return any(topic in not_come and not topic.delay for topic in inputs)
+
+
+def _silence(name: str, missing: Sequence[Due]) -> str:
+    first = missing[0]
+    more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+    return f"{name} sends no {first.message} (0x{first.can_id:03X} on {first.bus}){more}"
+
+
+def _can_id(frame: tuple[int, bytes]) -> int:
+    return frame[0]

@@ -1,0 +1,165 @@
+"""The process that the plant and the ECUs are forked from, so that what all need is imported once.
+
+The conductor starts it as a fresh interpreter. It forks the early children at once, imports what the others share,
+forks those, and then only watches: it reports every child that ends, and when the conductor is gone it kills what is
+left.
+
+Not multiprocessing's forkserver: that runs the conductor's main module again in every child, which would bring the
+command line and the plant into each ECU, and has the environment of the conductor, whose numpy may use many threads.
+"""
+
+import gc
+import importlib
+import os
+import pickle
+import select
+import signal
+import sys
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.bus.ties import Kind, Ties
+from bench.conductor.linux import die_with_parent, set_name
+from bench.errors import BenchError
+
+
+@dataclass(frozen=True)
+class Child:
+    """A process to be forked.
+
+    Attributes:
+        name: as in messages to a person.
+        target: `module:function`, called with the child's `Ties` and the arguments.
+        arguments: pickled tuple; only the child unpickles it, with the imports that takes.
+        stderr: file descriptor that its standard output and error go to.
+        early: whether it is forked before the shared imports, as it needs few of them.
+    """
+
+    name: str
+    target: str
+    arguments: bytes
+    stderr: int
+    early: bool
+
+
+@dataclass(frozen=True)
+class Brood:
+    """All that a nursery is told.
+
+    Attributes:
+        children: the processes to be forked.
+        preload: ECU classes to import before forking, see `bench.ecu.main.load_class`.
+        reports: writing end of the pipe for reports.
+        conductor: process number of the conductor.
+    """
+
+    children: tuple[Child, ...]
+    preload: tuple[str, ...]
+    reports: int
+    conductor: int
+
+
+def main() -> None:
+    """Run a nursery: the brood comes pickled on standard input, whose end is the lifeline."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    brood: Brood = pickle.load(sys.stdin.buffer)
+    lifeline = os.dup(0)
+    with open(os.devnull) as null:  # noqa: PTH123 - a descriptor is wanted, not a path
+        os.dup2(null.fileno(), 0)
+    if os.getppid() != brood.conductor:
+        return
+    set_name("nursery")
+    _Nursery(brood, Ties(lifeline, brood.reports)).run()
+
+
+class _Nursery:
+    def __init__(self, brood: Brood, ties: Ties) -> None:
+        self._brood = brood
+        self._ties = ties
+        self._alive: dict[int, str] = {}
+        # A child's end wakes the nursery through this pipe.
+        self._wake, self._waker = os.pipe()
+        os.set_blocking(self._waker, False)
+        os.set_blocking(self._wake, False)
+
+    def run(self) -> None:
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
+        self._fork([child for child in self._brood.children if child.early])
+        self._preload()
+        self._fork([child for child in self._brood.children if not child.early])
+        for child in self._brood.children:
+            os.close(child.stderr)
+        while self._alive:
+            ready, _, _ = select.select([self._wake, self._ties.lifeline], [], [])
+            if self._ties.lifeline in ready:
+                self._kill()
+                return
+            os.read(self._wake, 4096)
+            self._reap()
+
+    def _preload(self) -> None:
+        # Not at the top: the early children do without these imports and need not wait for them.
+        from bench.ecu.main import load_class
+
+        for spec in self._brood.preload:
+            load_class(spec)
+        # What is imported stays: no garbage collection need look at it, in no child.
+        gc.collect()
+        gc.freeze()
+
+    def _fork(self, children: Sequence[Child]) -> None:
+        nursery = os.getpid()
+        for child in children:
+            pid = os.fork()
+            if pid == 0:
+                code = 1
+                try:
+                    die_with_parent()
+                    if os.getppid() == nursery:
+                        code = _run(child, self._ties, [other.stderr for other in self._brood.children])
+                finally:
+                    # Whatever happened, this process must not go on as a second nursery.
+                    os._exit(code)
+            self._alive[pid] = child.name
+            self._ties.report(Kind.STARTED, {"name": child.name, "pid": pid})
+
+    def _reap(self) -> None:
+        while self._alive:
+            pid, status = os.waitpid(-1, os.WNOHANG)
+            if pid == 0:
+                return
+            name = self._alive.pop(pid)
+            code = os.waitstatus_to_exitcode(status)
+            self._ties.report(Kind.ENDED, {"name": name, "pid": pid, "code": code})
+
+    def _kill(self) -> None:
+        for pid in self._alive:
+            os.kill(pid, signal.SIGKILL)
+        for pid in self._alive:
+            os.waitpid(pid, 0)
+
+
+def _run(child: Child, ties: Ties, stderrs: Sequence[int]) -> int:
+    """Call the child's target; return the exit code. What goes wrong is said on standard error."""
+    signal.set_wakeup_fd(-1)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    os.dup2(child.stderr, 1)
+    os.dup2(child.stderr, 2)
+    for stderr in stderrs:
+        os.close(stderr)
+    set_name(child.name)
+    module, _, function = child.target.partition(":")
+    code = 1
+    try:
+        getattr(importlib.import_module(module), function)(ties, *pickle.loads(child.arguments))
+        code = 0
+    except BenchError as error:
+        sys.stderr.write(f"{error}\n")
+    except Exception:  # noqa: BLE001 - the last one who can say what happened
+        traceback.print_exc()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return code

@@ -1,0 +1,121 @@
+"""Runs one ECU in this process: as a child of a bench, or alone on any host that the buses reach."""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from bench.bus.address import Address
+from bench.bus.base import Link
+from bench.bus.codec import Codec, load_codecs
+from bench.bus.link import open_link
+from bench.bus.node import serve
+from bench.bus.ties import Ties
+from bench.bus.topic import V2V, vehicle_bus
+from bench.ecu.base import Ecu
+from bench.ecu.runtime import EcuNode
+from bench.errors import BadInput
+from bench.scenario import Scenario
+
+DEFAULT_ECUS: Mapping[str, str] = {
+    "planner": "bench.ecu.planner:PlannerEcu",
+    "tracker": "bench.ecu.tracker:TrackerEcu",
+}
+"""The ECUs of a vehicle: role and class, as `load_class` takes it."""
+
+SILENCE_S = 10.0
+"""Wall-clock time in s without any frame after which an ECU that runs alone gives up."""
+
+
+def ecu_name(role: str, vehicle: int) -> str:
+    """Name of an ECU, as in messages to a person: `veh1.planner`."""
+    return f"{vehicle_bus(vehicle)}.{role}"
+
+
+def buses_of(role: str, vehicle: int) -> tuple[str, ...]:
+    """The buses an ECU is on: its vehicle's, and for the planner the radio too."""
+    return (vehicle_bus(vehicle), V2V) if role == "planner" else (vehicle_bus(vehicle),)
+
+
+def load_class(spec: str) -> Any:
+    """Return an ECU's class.
+
+    Args:
+        spec: `package.module:Class`, or `path/to/file.py:Class`.
+
+    Raises:
+        BadInput: there is no such module, file or class.
+    """
+    place, _, name = spec.rpartition(":")
+    if not (place and name):
+        raise BadInput(f"ECU {spec!r}: write package.module:Class or path/to/file.py:Class")
+    try:
+        module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
+    except (ModuleNotFoundError, FileNotFoundError) as error:
+        raise BadInput(f"ECU {spec!r} cannot be loaded: {error}") from error
+    if not hasattr(module, name):
+        raise BadInput(f"ECU {spec!r}: {place} has no class {name}")
+    return getattr(module, name)
+
+
+def _load_file(path: Path) -> Any:
+    name = f"ecu {path.resolve()}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None or not path.is_file():
+        raise FileNotFoundError(f"no file {path}")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def make_node(
+    spec: str,
+    role: str,
+    vehicle: int,
+    scenario: Scenario,
+    links: Mapping[str, Link],
+    codecs: Mapping[str, Codec],
+) -> tuple[EcuNode, Ecu]:
+    """Make an ECU and put it on its links.
+
+    Raises:
+        BadInput: the class cannot be loaded, or takes what is not on its buses.
+    """
+    ecu: Ecu = load_class(spec)(vehicle, scenario)
+    return EcuNode(ecu_name(role, vehicle), ecu, links, codecs), ecu
+
+
+def serve_ecu(ties: Ties | None, spec: str, role: str, vehicle: int, scenario: Scenario, address: Address) -> None:
+    """Run one ECU in this process until the conductor stops it or is gone.
+
+    Args:
+        ties: to the conductor that started this process; None where the ECU runs alone, then it waits for the first
+            frame as long as it takes, and gives up after `SILENCE_S` without one.
+        spec: the ECU's class, see `load_class`.
+        role: planner or tracker.
+        vehicle: number of its vehicle, from 1.
+        scenario: the scenario of the run.
+        address: where the buses are.
+
+    Raises:
+        BadInput: no such vehicle, bus or class.
+        RunFailed: nothing was heard for `SILENCE_S`, or a bus went down.
+    """
+    vehicles = len(scenario.vehicles)
+    if not 1 <= vehicle <= vehicles:
+        raise BadInput(f"--vehicle {vehicle}: the scenario {scenario.name} has vehicles 1 to {vehicles}")
+    codecs = load_codecs(vehicles)
+    with ExitStack() as stack:
+        links = {bus: stack.enter_context(open_link(bus, address)) for bus in buses_of(role, vehicle)}
+        node, ecu = make_node(spec, role, vehicle, scenario, links, codecs)
+        if ties is None:
+            serve([node], silence_s=SILENCE_S)
+        else:
+            ties.ready(node.name, ecu.inputs)
+            serve([node], ties.lifeline)

@@ -1,0 +1,67 @@
+"""The plant process: all vehicles of a bench, an FMU instance each."""
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from bench.bus.address import Address
+from bench.bus.base import Link
+from bench.bus.codec import Codec, load_codecs
+from bench.bus.link import open_link
+from bench.bus.node import serve
+from bench.bus.ties import Ties
+from bench.bus.topic import PLANT, vehicle_bus
+from bench.plant.description import read_description
+from bench.plant.fmu import FmuInstance, unpack
+from bench.plant.plant import TruthSink, VehicleNode, start_values
+from bench.scenario import Scenario
+
+
+def make_nodes(
+    scenario: Scenario,
+    fmu: Path,
+    links: Callable[[str], Link],
+    codecs: Mapping[str, Codec],
+    truth: TruthSink,
+    stack: ExitStack,
+) -> list[VehicleNode]:
+    """Make the node of every vehicle; `stack` closes what they use.
+
+    Args:
+        scenario: start values and what the road does.
+        fmu: the vehicle's FMU file.
+        links: opens the link to a bus, by its name.
+        codecs: codec of every bus.
+        truth: takes the truth rows.
+        stack: takes over links and FMU instances.
+
+    Raises:
+        BadInput: the FMU cannot be read, or a bus cannot be opened.
+        RunFailed: the FMU cannot be loaded or refuses its start values.
+    """
+    description = read_description(fmu)
+    folder = unpack(fmu)
+    nodes = []
+    for number, vehicle in enumerate(scenario.vehicles, start=1):
+        bus = vehicle_bus(number)
+        link = stack.enter_context(links(bus))
+        instance = FmuInstance(description, folder, bus, start_values(vehicle))
+        stack.callback(instance.close)
+        road = scenario.road_of(number)
+        nodes.append(VehicleNode(number, instance, description, road, link, codecs[bus], truth))
+    return nodes
+
+
+def serve_plant(ties: Ties, scenario: Scenario, fmu: Path, address: Address) -> None:
+    """Run the plant in this process until the conductor stops it or is gone.
+
+    Raises:
+        BadInput: see `make_nodes`.
+        RunFailed: the FMU failed or a bus went down.
+    """
+    vehicles = len(scenario.vehicles)
+    with ExitStack() as stack:
+        nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), load_codecs(vehicles), ties.truth, stack)
+        # It publishes without waiting for any input of the cycle, so nobody can keep it waiting.
+        ties.ready(PLANT, ())
+        serve(nodes, ties.lifeline)

@@ -1,0 +1,155 @@
+"""A vehicle on its bus: sensor frames out, actuator commands in, the FMU in between.
+
+In cycle k it publishes the state at t_k as soon as BenchSync k opens the cycle, waits for the cycle's three command
+messages, applies them and goes on to t_k + 10 ms.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from bench.bus.base import Link
+from bench.bus.codec import Codec
+from bench.bus.inbox import Inbox
+from bench.bus.topic import CYCLE_MS, Signals, Topic, vehicle_bus
+from bench.plant.actuators import COMMANDS, Actuators
+from bench.plant.description import FmuDescription
+from bench.plant.fmu import FmuInstance
+from bench.scenario import Road, Vehicle
+from platoon_fmu.parameters import VehicleParameters
+
+MOST_HELD_CYCLES = 255
+"""What the DBC's HeldCycles can carry."""
+
+TruthSink = Callable[[int, int, Sequence[float]], None]
+"""Takes vehicle, cycle and truth row: all outputs, then all inputs of the FMU in its description's order.
+
+The outputs are those at the cycle's time; the inputs are those that acted up to then, as the outputs follow from them.
+"""
+
+
+class VehicleNode:
+    """One vehicle as a node on its bus."""
+
+    def __init__(
+        self,
+        vehicle: int,
+        fmu: FmuInstance,
+        description: FmuDescription,
+        road: Road,
+        link: Link,
+        codec: Codec,
+        truth: TruthSink,
+    ) -> None:
+        """Put vehicle number `vehicle` on its bus `link`."""
+        bus = vehicle_bus(vehicle)
+        self.name = f"{bus}.plant"
+        self._vehicle = vehicle
+        self._fmu = fmu
+        self._outputs = description.outputs
+        self._inputs = description.inputs
+        self._weight = VehicleParameters().M * VehicleParameters().g
+        self._road = road
+        self._link = link
+        self._codec = codec
+        self._truth = truth
+        self._commands = {name: Topic(bus, name) for name in COMMANDS}
+        self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values())
+        self._actuators = Actuators()
+        self._published = -1
+        self._step_us = 0.0
+
+    @property
+    def links(self) -> tuple[Link, ...]:
+        """The vehicle's bus."""
+        return (self._link,)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the conductor has told this vehicle to stop."""
+        return self._inbox.stopped
+
+    def poll(self) -> bool:
+        """Take in what has arrived; publish if that opens a cycle, step if it completes one; whether there was any.
+
+        Raises:
+            RunFailed: the FMU failed.
+        """
+        arrived = self._inbox.drain()
+        while not self.stopped:
+            if self._inbox.opened > self._published:
+                self._published = self._inbox.opened
+                self._publish(self._published)
+            if not self._inbox.complete:
+                break
+            self._step()
+        return arrived
+
+    def _publish(self, cycle: int) -> None:
+        row = self._fmu.outputs()
+        self._truth(self._vehicle, cycle, row + self._fmu.inputs())
+        for name, values in self._messages(dict(zip(self._outputs, row, strict=True))).items():
+            can_id, data = self._codec.encode(name, values, cycle)
+            self._link.send(can_id, data)
+
+    def _messages(self, output: Mapping[str, float]) -> dict[str, Signals]:
+        """The vehicle's messages by name, from the FMU's outputs."""
+        health = self._inbox.health
+        return {
+            "VehiclePosition": {"X": output["X"], "Y": output["Y"]},
+            "VehicleAttitude": {"Yaw": output["psi"], "Roll": output["phi"]},
+            "VehicleMotion": {
+                "VelocityX": output["v_x"],
+                "VelocityY": output["v_y"],
+                "YawRate": output["gamma"],
+            },
+            "VehicleAcceleration": {"AccelerationX": output["a_x"], "AccelerationY": output["a_y"]},
+            "WheelSpeedsFront": {"WheelSpeedFL": output["omega_fl"], "WheelSpeedFR": output["omega_fr"]},
+            "WheelSpeedsRear": {"WheelSpeedRL": output["omega_rl"], "WheelSpeedRR": output["omega_rr"]},
+            "ActuatorStatus": {
+                "SteeringAngle": self._actuators.applied.steering_angle,
+                "ActuatorState": self._actuators.state,
+                "HeldCycles": min(self._actuators.held_cycles, MOST_HELD_CYCLES),
+            },
+            "PlantBusHealth": {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors},
+            "PlantTiming": {"StepTime": self._step_us},
+        }
+
+    def _step(self) -> None:
+        started = time.perf_counter()
+        cycle = self._inbox.cycle
+        commands = self._inbox.take()
+        self._actuators.take({name: commands[topic] for name, topic in self._commands.items()})
+        time_s = cycle * CYCLE_MS / 1000
+        values = self._acting(time_s)
+        self._fmu.step(time_s, CYCLE_MS / 1000, [values[name] for name in self._inputs])
+        self._step_us = (time.perf_counter() - started) * 1e6
+
+    def _acting(self, time_s: float) -> dict[str, float]:
+        """The FMU's inputs by name: what the actuators apply and what the road does at `time_s`."""
+        applied, road = self._actuators.applied, self._road
+        return {
+            "steering_angle": applied.steering_angle,
+            "wheel_torque_fl": applied.torque_fl,
+            "wheel_torque_rl": applied.torque_rl,
+            "wheel_torque_rr": applied.torque_rr,
+            "wheel_torque_fr": applied.torque_fr,
+            "lambda_f": road.lambda_f.value(time_s),
+            "lambda_r": road.lambda_r.value(time_s),
+            "mu": road.mu.value(time_s),
+            "force_x": road.force_x_n.value(time_s) - self._weight * math.sin(road.slope_rad.value(time_s)),
+            "force_y": road.force_y_n.value(time_s),
+            "moment_z": road.moment_z_nm.value(time_s),
+        }
+
+
+def start_values(vehicle: Vehicle) -> dict[str, float]:
+    """The FMU's start parameters for a vehicle of the scenario: it rolls straight ahead."""
+    return {
+        "X_start": vehicle.x_m,
+        "Y_start": vehicle.y_m,
+        "psi_start": vehicle.yaw_rad,
+        "v_x_start": vehicle.speed_mps,
+        "v_y_start": 0.0,
+        "gamma_start": 0.0,
+    }
