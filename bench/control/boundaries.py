@@ -133,7 +133,9 @@ def admissible(
         v_rate = a_max if v_rate > 0.0 else -a_max
         bound = 2
     lowest, highest = -min(limits[2], limits[0]) * limits[3], min(limits[1], limits[0]) * limits[3]
-    v_rate = min(max(v_rate, lowest), highest)
+    if v_rate < lowest or v_rate > highest:
+        v_rate = min(max(v_rate, lowest), highest)
+        bound = 2
 
     swing = limits[5]
     gamma_next = gamma + step_s * min(max(gamma_rate, -swing), swing)
