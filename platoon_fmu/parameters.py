@@ -97,10 +97,10 @@ class VehicleParameters:
         60_000.0, "N", "longitudinal stiffness of a tyre, per unit slip ratio", "assumed: 14 times its static load"
     )
     load_peak: float = _parameter(
-        2.0,
+        1.5,
         "1",
         "load over static load at which a tyre's slip stiffness peaks",
-        "assumed: Pacejka 2012, section 4.3.1, usual values of p_Ky2",
+        "assumed: a tyre near its rated load; Pacejka 2012, section 4.3, parameter p_Ky2",
         minimum=1.0,
     )
     v_slip: float = _parameter(

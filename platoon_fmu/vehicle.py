@@ -93,9 +93,7 @@ def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehiclePar
         mu=u["mu"],
         load_peak=P.load_peak,
     )
-    # Rolling resistance acts on the body, not on the spin, so that T = R_w F_x in steady rolling.
-    along = F_x - P.mu_d * F_z * _smooth_sign(v_long / P.v_roll)
-    body_x, body_y = c * along - s * F_y, s * along + c * F_y
+    body_x, body_y = c * F_x - s * F_y, s * F_x + c * F_y
     return WheelForces(F_x, F_y, F_z, kappa, tan_alpha, body_x, body_y, x_i * body_y - y_i * body_x)
 
 
@@ -116,7 +114,10 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
     tyres_yaw = sum(w.body_yaw for w in wheels.values())
 
     v_x, v_y, gamma, psi = x["v_x"], x["v_y"], x["gamma"], x["psi"]
-    a_x = (tyres_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
+    # Rolling resistance acts on the body, not on the spins, so that T = R_w F_x in steady rolling; and on the body as
+    # a whole, as in the paper, so that it does not bend the cornering of a car whose load has moved to one side.
+    ground_x = tyres_x - P.mu_d * P.M * P.g * _smooth_sign(v_x / P.v_roll)
+    a_x = (ground_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
     a_y = (tyres_y + u["force_y"]) / P.M
 
     # Roll about the vehicle's centre of mass: forces there do no work on roll, tyre forces act h_roll below.
@@ -125,7 +126,7 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
     roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - P.K_phi * x["phi"] - P.C_phi * x["p"]
 
     # The rest of the lateral moment h tyres_y passes not through the springs but through the roll centres.
-    transfer_x = P.h * tyres_x / P.L
+    transfer_x = P.h * ground_x / P.L
     transfer_y = (P.h - h_roll) * tyres_y / P.l_t
 
     derivatives = {

@@ -73,15 +73,16 @@ static const char *phase_name(Phase phase) {
 }
 
 static void log_message(const Component *component, fmi2Status status, const char *format, ...) {
-    char text[400];
+    char text[400], *percent;
     va_list arguments;
 
     if (!component->logging || !component->callbacks.logger) return;
     va_start(arguments, format);
     vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    /* "%s", as the logger takes its message for a printf format. */
-    component->callbacks.logger(component->callbacks.componentEnvironment, component->name, status, LOG_ERRORS, "%s", text);
+    /* The logger may take the message for a printf format or, as loggers that are no C, for the text. */
+    while ((percent = strchr(text, '%')) != NULL) *percent = '?';
+    component->callbacks.logger(component->callbacks.componentEnvironment, component->name, status, LOG_ERRORS, text);
 }
 
 /* The component where the call is allowed now, else NULL (and a line in the log). */
