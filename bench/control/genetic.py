@@ -69,12 +69,16 @@ class GeneticSettings:
         """Refuse bounds that are the wrong way round.
 
         Raises:
-            ValueError: the lower bound of a gain is above its upper one.
+            ValueError: the lower bound of a gain is above its upper one, or Ga may be larger than Gb ever can.
         """
         for name in ("ga", "gb", "p11", "p12", "p21", "p22"):
             lower, upper = getattr(self, name)
             if lower > upper:
                 raise ValueError(f"{name} = [{lower}, {upper}] must be [lower, upper]")
+        if self.ga[1] > self.gb[1]:
+            raise ValueError(
+                f"ga reaches {self.ga[1]} and gb only {self.gb[1]}: Gb must not be below Ga, so gb must reach as far"
+            )
 
     def bounds(self) -> tuple[Vector, Vector]:
         """Lower and upper bounds (6,) of Lambda."""
