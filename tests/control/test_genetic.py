@@ -1,0 +1,254 @@
+"""The genetic search: reproducible, never worse than what it starts from, and on the cost that is meant."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from bench.control.boundaries import admissible, boundaries
+from bench.control.flocking import acceleration
+from bench.control.genetic import GeneticSettings, rollout_cost, search
+from bench.control.near_identity import input_rates
+from platoon_fmu.parameters import VehicleParameters
+
+LENGTH = 0.9
+SPEED = 20.0
+LIMITS = boundaries(VehicleParameters(), 0.8, 0.7, 3.0, 1.5, 5.0, 45.0)
+FIELD = np.array([0.1, 10.0, 12.0, 0.2])
+STATE = np.array([1.0, 0.5, 0.05, 18.0, 0.02])
+TARGET = np.array([4.0, 3.5])
+PEERS_Q = np.array([[9.0, 3.0], [-8.0, 0.0]])
+PEERS_P = np.array([[21.0, 0.3], [19.0, -0.2]])
+GAINS = np.array([1.0, 2.0, 0.8, 1.1, 1.9, 2.3])
+
+only = {
+    "position": np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
+    "velocity": np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
+    "speed": np.array([0.0, 0.0, 1.0, 0.0, 0.0]),
+    "yaw": np.array([0.0, 0.0, 0.0, 1.0, 0.0]),
+    "boundary": np.array([0.0, 0.0, 0.0, 0.0, 1.0]),
+}
+
+
+def cost(gains: np.ndarray = GAINS, **changes: Any) -> float:
+    """The compiled cost at one point, with some of its arguments changed."""
+    arguments = {
+        "state": STATE,
+        "target": TARGET,
+        "platoon_speed": SPEED,
+        "peers_q": PEERS_Q,
+        "peers_p": PEERS_P,
+        "field": FIELD,
+        "limits": LIMITS.as_vector(),
+        "length": LENGTH,
+        "weights": GeneticSettings().weights(),
+        "steps": 25,
+        "step_s": 0.04,
+    } | changes
+    return float(rollout_cost(gains, *arguments.values()))
+
+
+def find(chosen: GeneticSettings, seed: int, start: np.ndarray | None = None) -> tuple[np.ndarray, float]:
+    """A search at the same point."""
+    lower, upper = chosen.bounds()
+    return search(
+        0.5 * (lower + upper) if start is None else start,
+        lower,
+        upper,
+        chosen.population,
+        chosen.generations,
+        chosen.mutation,
+        seed,
+        STATE,
+        TARGET,
+        SPEED,
+        PEERS_Q,
+        PEERS_P,
+        FIELD,
+        LIMITS.as_vector(),
+        LENGTH,
+        chosen.weights(),
+        chosen.horizon_steps,
+        chosen.horizon_step_s,
+    )
+
+
+def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[np.ndarray, float]]:
+    """States X, Y, theta, v, gamma at the steps of the horizon, and by how much the yaw rate asked for was too much.
+
+    The closed planning model in plain Python, from the statement: the flocking acceleration of the point is held for
+    a step, which is integrated in parts short enough for the near-identity length at the speed of the start.
+    """
+    parts = math.ceil(state[3] * step_s / LENGTH) + 1
+    motion = [(state, 0.0)]
+    for k in range(steps):
+        X, Y, theta, v, gamma = motion[-1][0]
+        heading, left = np.array([math.cos(theta), math.sin(theta)]), np.array([-math.sin(theta), math.cos(theta)])
+        u = acceleration(
+            np.array([X, Y]) + LENGTH * heading,
+            v * heading + LENGTH * gamma * left,
+            PEERS_Q + k * step_s * PEERS_P,
+            PEERS_P,
+            TARGET + np.array([SPEED * k * step_s + LENGTH, 0.0]),
+            np.array([SPEED, 0.0]),
+            GAINS,
+            *FIELD,
+        )
+        too_much = 0.0
+        for _ in range(parts):
+            dt = step_s / parts
+            v_rate, gamma_rate = input_rates(theta, v, gamma, LENGTH, *u)
+            too_much += max(abs(gamma + dt * gamma_rate) - 0.85 * 7.84 / v, 0.0) ** 2 / parts
+            v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, LIMITS.as_vector())
+            X, Y = X + dt * v * math.cos(theta), Y + dt * v * math.sin(theta)
+            theta += dt * gamma
+        motion.append((np.array([X, Y, theta, v, gamma]), too_much))
+    return motion
+
+
+def plain_costs(state: np.ndarray, steps: int, step_s: float) -> dict[str, float]:
+    """Each term of the cost with weight one, from the planned motion."""
+    motion = planned_motion(state, steps, step_s)
+    X, Y, theta, v, gamma = np.array([s for s, _ in motion]).T
+    t = step_s * np.arange(steps + 1)
+    S = np.array([X + LENGTH * np.cos(theta), Y + LENGTH * np.sin(theta)])
+    W = np.array(
+        [
+            v * np.cos(theta) - LENGTH * gamma * np.sin(theta),
+            v * np.sin(theta) + LENGTH * gamma * np.cos(theta),
+        ]
+    )
+    slot = np.array([TARGET[0] + SPEED * t + LENGTH, np.full_like(t, TARGET[1])])
+    before, after = slice(None, -1), slice(1, None)
+    speeding_up = v[after] >= v[before]
+    furthest = v[before] + step_s * np.where(speeding_up, 9.8 * 1.6 / 0.54, -9.8 * 1.4 / 0.54)
+    return {
+        "position": ((S - slot)[:, before] ** 2).sum(axis=0).mean(),
+        "velocity": ((W - np.array([[SPEED], [0.0]]))[:, before] ** 2).sum(axis=0).mean(),
+        "speed": ((v[after] - furthest) ** 2).mean(),
+        "yaw": ((np.abs(gamma[after]) - 0.85 * 7.84 / v[after]) ** 2).mean(),
+        "boundary": sum(too_much for _, too_much in motion[1:]) / steps,
+    }
+
+
+@pytest.mark.parametrize("term", only)
+@pytest.mark.parametrize(
+    "state", [STATE, np.array([1.0, -6.0, -0.3, 25.0, 0.2]), np.array([10.0, 3.0, 0.1, 12.0, -0.1])]
+)
+def test_each_term_of_the_cost_is_the_one_stated(term: str, state: np.ndarray) -> None:
+    expected = plain_costs(state, 25, 0.04)[term]
+    assert cost(weights=only[term], state=state) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_boundary_term_is_met_at_these_points() -> None:
+    """The comparison above would mean nothing for this term if no rollout asked for too much yaw rate."""
+    assert plain_costs(np.array([1.0, -6.0, -0.3, 25.0, 0.2]), 25, 0.04)["boundary"] > 0
+
+
+def test_cost_is_the_weighted_sum_of_its_terms() -> None:
+    weights = GeneticSettings().weights()
+    total = sum(w * cost(weights=only[term]) for w, term in zip(weights, only, strict=True))
+    assert cost() == pytest.approx(total, rel=1e-12)
+
+
+def test_formed_platoon_has_no_formation_error() -> None:
+    state = np.array([4.0, 3.5, 0.0, SPEED, 0.0])
+    nobody = np.zeros((0, 2))
+    weights = only["position"] + only["velocity"]
+    assert cost(state=state, peers_q=nobody, peers_p=nobody, weights=weights) == pytest.approx(0.0, abs=1e-18)
+
+
+def test_neighbours_points_are_not_changed() -> None:
+    peers = PEERS_Q.copy()
+    cost(peers_q=peers)
+    np.testing.assert_array_equal(peers, PEERS_Q)
+
+
+def test_same_seed_gives_the_same_answer() -> None:
+    one, other = find(GeneticSettings(), 7), find(GeneticSettings(), 7)
+    np.testing.assert_array_equal(one[0], other[0])
+    assert one[1] == other[1]
+
+
+def test_seeds_differ() -> None:
+    found = {find(GeneticSettings(), seed)[0].tobytes() for seed in range(5)}
+    assert len(found) == 5
+
+
+seeds = st.integers(0, 2**32 - 1)
+places = st.lists(st.floats(0, 1), min_size=6, max_size=6).map(np.array)
+
+
+@settings(max_examples=40)
+@given(seeds, places, st.integers(4, 30), st.integers(1, 6))
+def test_answer_is_never_worse_than_the_start_and_inside_the_bounds(
+    seed: int, place: np.ndarray, population: int, generations: int
+) -> None:
+    chosen = GeneticSettings(population=population, generations=generations)
+    lower, upper = chosen.bounds()
+    start = lower + place * (upper - lower)
+    start[1] = max(start[0], start[1])
+    gains, found = find(chosen, seed, start)
+    assert found <= cost(start)
+    assert found == pytest.approx(cost(gains), rel=1e-12)
+    assert (gains >= lower).all()
+    assert (gains <= upper).all()
+    assert gains[1] >= gains[0]
+
+
+def test_search_finds_better_gains_than_the_middle() -> None:
+    lower, upper = GeneticSettings().bounds()
+    assert find(GeneticSettings(), 1)[1] < cost(0.5 * (lower + upper))
+
+
+def test_more_generations_are_never_worse() -> None:
+    costs = [find(GeneticSettings(generations=n), 3)[1] for n in (1, 2, 4, 8)]
+    assert costs == sorted(costs, reverse=True)
+
+
+@pytest.mark.parametrize("name", ["ga", "gb", "p11", "p12", "p21", "p22"])
+def test_bounds_the_wrong_way_round_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=rf"{name} = \[9\.0, 8\.0\]"):
+        replace(GeneticSettings(gb=(0.5, 20.0)), **{name: (9.0, 8.0)})
+
+
+def test_ga_that_gb_cannot_reach_is_refused() -> None:
+    """Gb is raised to Ga where it is below it, which must not take it out of its own bounds."""
+    with pytest.raises(ValueError, match="gb"):
+        GeneticSettings(ga=(0.5, 3.0), gb=(0.5, 2.0))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"population": 3},
+        {"population": 201},
+        {"generations": 0},
+        {"horizon_steps": 1},
+        {"horizon_step_s": 0.0},
+        {"horizon_step_s": 0.2},
+        {"mutation": 0.0},
+        {"ga": (0.0, 1.0)},
+        {"gb": (1.0, 21.0)},
+        {"yaw_weight": -1.0},
+    ],
+)
+def test_values_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError, match=next(iter(wrong))):
+        TypeAdapter(GeneticSettings).validate_python(wrong)
+
+
+def test_bounds_and_weights_come_in_the_documented_order() -> None:
+    chosen = GeneticSettings(
+        ga=(1, 2), gb=(3, 4), p11=(5, 6), p12=(7, 8), p21=(9, 10), p22=(11, 12),
+        position_weight=1, velocity_weight=2, speed_weight=3, yaw_weight=4, boundary_weight=5,
+    )  # fmt: skip
+    lower, upper = chosen.bounds()
+    assert lower.tolist() == [1, 3, 5, 7, 9, 11]
+    assert upper.tolist() == [2, 4, 6, 8, 10, 12]
+    assert chosen.weights().tolist() == [1, 2, 3, 4, 5]
