@@ -77,7 +77,7 @@ def test_run_writes_to_logs_by_default_and_fails_where_no_platoon_was_formed(tmp
         (["--set", "planner.near_identity_length_m=0.1"], "planner.near_identity_length_m is not allowed"),
         (["--set", "nonsense"], "--set nonsense: want KEY=VALUE"),
         (["--seed", "-1"], "seed = -1 is not allowed"),
-        (["--seed", "one"], "not a valid int"),
+        (["--seed", "one"], "Invalid value for '--seed': Input should be a valid integer"),
         (["--can", "carrier-pigeon"], "--can carrier-pigeon: not a bus; allowed: udp"),
         (["--clock", "realtime"], "--clock realtime: no such clock; allowed: lockstep"),
         (["--ecu", "tracker"], "--ecu tracker: want ROLE=CLASS"),
