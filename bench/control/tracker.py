@@ -1,7 +1,6 @@
 """The tracking level: reference input, observer, target and robust MPC in one step, (21)-(23) and (37)-(62)."""
 
 import enum
-from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Annotated
@@ -36,8 +35,8 @@ class TrackerSettings:
 
     Attributes:
         offset_free: use the disturbance estimate in the target; false only to show what it is good for.
-        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own (four vertices);
-            false is the paper's lambda_f = lambda_r (two).
+        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own;
+            false is the paper's lambda_f = lambda_r.
         observer_rate: decay rate rho of the observer's error in one cycle.
         steering_max_rad: largest front steering angle.
         steering_rate_max_radps: its largest rate.
@@ -70,7 +69,7 @@ class TrackerSettings:
     force_unit_n: Positive = 2000.0
     yaw_moment_unit_nm: Positive = 1000.0
     input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
-    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-4)] = 1e-6
+    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-3)] = 1e-4
     solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40
 
 
@@ -158,10 +157,6 @@ class Tracker:
                 2.0 * vehicle.l_t * settings.wheel_force_rate_max_nps * settings.yaw_moment_share,
             ]
         )
-        corners = [(1.0, 1.0), (-1.0, -1.0)]
-        if settings.independent_axles:
-            corners += [(1.0, -1.0), (-1.0, 1.0)]
-        self._corners: Sequence[tuple[float, float]] = corners
         self._state_unit = np.array(
             [settings.speed_unit_mps, settings.lateral_speed_unit_mps, settings.yaw_rate_unit_radps]
         )
@@ -170,9 +165,9 @@ class Tracker:
             self._state_unit,
             self._input_unit,
             settings.input_weight,
-            len(corners),
-            settings.solver_tolerance,
-            settings.solver_max_iterations,
+            independent=settings.independent_axles,
+            tolerance=settings.solver_tolerance,
+            max_iterations=settings.solver_max_iterations,
         )
         straight = [self.model.linearise(np.array([v, 0.0, 0.0]), np.zeros(5)).A for v in self._OBSERVER_SPEEDS_MPS]
         self._observer = DisturbanceObserver(design_gain(straight, step_s, settings.observer_rate), step_s)
@@ -213,24 +208,25 @@ class Tracker:
             self._REFERENCE_INPUT,
         )
         linear = self.model.linearise(xi_ref, self._allocation.matrix @ reference.u)
-        B = linear.B @ self._allocation.matrix
+        linear = linear.with_inputs(self._allocation.matrix)
+        A, B = linear.A, linear.B
         known = reference.residual
         if self.settings.offset_free:
             known = known + self.model.step_s * disturbance
-        target = self._target(linear.A, B, known, reference.u, u_last)
+        target = self._target(A, B, known, reference.u, u_last)
 
         chi = xi - xi_ref - target.xi
         start = perf_counter()
         gain = self._solve(linear, chi, reference.u + target.u)
         solve_s = perf_counter() - start
-        K, source = self._choose(gain, linear.A, B)
+        K, source = self._choose(gain, A, B)
 
         u = reference.u + target.u + K @ chi
         u = np.clip(u, u_last - self._rate, u_last + self._rate)
         u = np.clip(u, -self._allocation.limit, self._allocation.limit)
 
         drift = xi_next + reference.residual
-        self._last = _Step(linear.A, B, xi_ref, reference.u, drift)
+        self._last = _Step(A, B, xi_ref, reference.u, drift)
         self._u_last, self._u_ref_last = u, reference.u
         U = self._allocation.matrix @ u
         return TrackerOutput(
@@ -263,11 +259,7 @@ class Tracker:
     def _solve(self, linear: LinearModel, chi: Vector, u_target: Vector) -> Gain:
         limit = self._allocation.limit
         room = np.maximum(limit - np.abs(u_target), 0.02 * limit)
-        models = []
-        for corner in self._corners:
-            A, B = linear.at(*corner)
-            models.append((A, B @ self._allocation.matrix))
-        return self._controller.solve(models, chi, room)
+        return self._controller.solve(linear, chi, room)
 
     def _choose(self, gain: Gain, A: Matrix, B: Matrix) -> tuple[Matrix, GainSource]:
         """The certified gain of this step, else the last certified one, else the nominal linear-quadratic one."""

@@ -24,25 +24,34 @@ INPUTS = 5
 
 @dataclass(frozen=True)
 class LinearModel:
-    """One step of (25): `xi+ = (A + dA) xi + (B + dB) U`, in deviations from the reference.
+    """One step of (25) in deviations: `xi+ = (A + H Lambda N1) xi + (B + H Lambda N2) U`.
+
+    `Lambda = diag(lambda_f, lambda_f, lambda_r)` with each lambda in [-1, 1]. The first column of H is the effect of
+    the front axle's lateral force, the second of its drag when steered, the third of the rear axle's lateral force.
+    The paper's H, N1 and N2 (26) miss the factor 2T and have spurious entries.
 
     Attributes:
         A: (3, 3), nominal.
-        B: (3, 5), nominal; columns per rad and per N.
-        dA_f: (3, 3), change of A for `lambda_f = 1`.
-        dB_f: (3, 5), change of B for `lambda_f = 1`.
-        dA_r: (3, 3), change of A for `lambda_r = 1` (the rear axle is not steered: B does not change).
+        B: (3, m), nominal; columns per rad and per N for m = 5.
+        H: (3, 3), where the uncertainty enters the state.
+        N1: (3, 3), how the state drives it.
+        N2: (3, m), how the input drives it.
     """
 
     A: Matrix
     B: Matrix
-    dA_f: Matrix
-    dB_f: Matrix
-    dA_r: Matrix
+    H: Matrix
+    N1: Matrix
+    N2: Matrix
 
     def at(self, lambda_f: float, lambda_r: float) -> tuple[Matrix, Matrix]:
-        """A (3, 3) and B (3, 5) of a car whose axles are `1 + 0.4 lambda` times as stiff, `lambda` in [-1, 1]."""
-        return self.A + lambda_f * self.dA_f + lambda_r * self.dA_r, self.B + lambda_f * self.dB_f
+        """A (3, 3) and B (3, m) of a car whose axles are `1 + 0.4 lambda` times as stiff, `lambda` in [-1, 1]."""
+        spread = self.H * np.array([lambda_f, lambda_f, lambda_r])
+        return self.A + spread @ self.N1, self.B + spread @ self.N2
+
+    def with_inputs(self, allocation: Matrix) -> "LinearModel":
+        """The same model driven by u, where `U = allocation @ u`, allocation (5, m)."""
+        return LinearModel(self.A, self.B @ allocation, self.H, self.N1, self.N2 @ allocation)
 
 
 class VehicleModel:
@@ -129,9 +138,12 @@ class VehicleModel:
         B[2, 1:] = T / I_z * np.array([l_f * delta - half, -half, half, half + l_f * delta])
 
         spread = p.cornering_variation
-        dB_f = np.zeros((STATES, INPUTS))
-        dB_f[:, 0] = spread * b_front
-        return LinearModel(A, B, spread * A_front, dB_f, spread * A_rear)
+        H = T * np.column_stack([front, steering_drag, rear])
+        N1 = spread * np.vstack([front_of_state, np.zeros(STATES), rear_of_state])
+        N2 = np.zeros((3, INPUTS))
+        N2[0, 0] = spread * self._Cf2
+        N2[1, 0] = spread
+        return LinearModel(A, B, H, N1, N2)
 
     def steady_lateral_velocity(self, v_x: float, gamma: float) -> float:
         """v_y (m/s) of steady cornering at v_x > 0 (m/s) and yaw rate gamma (rad/s), no drive force.
