@@ -55,3 +55,24 @@ def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDAr
         out[at[:, None] + (_HEAD.offset(name) + np.arange(width))] = values.view(np.uint8).reshape(-1, width)
     inside = np.arange(MAX_DATA) < frames["length"][:, None]
     out[(at[:, None] + (DATA_AT + np.arange(MAX_DATA)))[inside]] = frames["data"][inside]
+
+
+def read(
+    data: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], length: npt.NDArray[np.uint64], table: npt.NDArray[Any]
+) -> bool:
+    """Read encoded frames of `length` (n,) bytes at `at` (n,) into columns receive, can_id, length and data of `table`.
+
+    Returns:
+        Whether all of them were in the form that `fill` writes.
+    """
+    size = length.astype(np.int64) - DATA_AT
+    if (size < 0).any() or (size > MAX_DATA).any():
+        return False
+    heads = data[at[:, None] + np.arange(DATA_AT)]
+    view = _HEAD.view(heads[:, : _HEAD.dtype.itemsize])
+    if view is None or (heads[:, -2] != _DATA_TAG[0]).any() or (heads[:, -1] != size).any():
+        return False
+    table["receive"], table["can_id"], table["length"] = view["receive_time"].astype(np.int64), view["id"], size
+    inside = np.arange(MAX_DATA) < size[:, None]
+    table["data"][inside] = data[(at[:, None] + (DATA_AT + np.arange(MAX_DATA)))[inside]]
+    return True

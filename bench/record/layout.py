@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from google.protobuf.descriptor import Descriptor, FieldDescriptor
+from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
 Kind = Literal["double", "float", "fixed32", "sfixed32", "fixed64", "sfixed64", "enum"]
@@ -95,14 +95,15 @@ class Layout:
         self.template = bytes(template)
 
     @classmethod
-    def of(cls, descriptor: Descriptor) -> Layout | None:
+    def of(cls, kind: type[Message]) -> Layout | None:
         """Return the layout of a message read from a file, or None where it is not flat and of fixed width."""
         fields = []
-        for number, item in enumerate(sorted(descriptor.fields, key=lambda f: f.number), start=1):
-            kind = _KIND_OF_TYPE.get(item.type)
-            if kind is None or item.is_repeated or item.number != number:
+        found: list[FieldDescriptor] = sorted(kind.DESCRIPTOR.fields, key=lambda f: f.number)
+        for number, item in enumerate(found, start=1):
+            encoding = _KIND_OF_TYPE.get(item.type)
+            if encoding is None or item.is_repeated or item.number != number:
                 return None
-            fields.append(Field(item.name, kind, names=_names(item)))
+            fields.append(Field(item.name, encoding, names=_names(item)))
         return cls(fields)
 
     def offset(self, name: str) -> int:

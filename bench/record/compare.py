@@ -1,0 +1,199 @@
+"""Compares two runs frame by frame: the same scenario and seed must have put the same bytes on every bus.
+
+Messages that carry wall-clock figures (DBC attribute WallClock) are left out, and so is the host's receive time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import BadInput
+from bench.record.reader import Columns, Run
+
+# What makes two frames the same.
+_COMPARED = ("time", "can_id", "length", "data")
+
+
+@dataclass(frozen=True)
+class FirstDifference:
+    """Where two runs part: the frame of each, described; None where a run has no frame left."""
+
+    time_s: float
+    bus: str
+    a: str | None
+    b: str | None
+
+
+@dataclass(frozen=True)
+class SignalDifference:
+    """One signal that differs: from when, in how many of its values, and by how much at most (NaN if not a number)."""
+
+    bus: str
+    message: str
+    signal: str
+    first_s: float
+    count: int
+    largest: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Difference:
+    """What differs between two runs.
+
+    Attributes:
+        frames: how many frames each run has, wall-clock messages left out.
+        first: the earliest difference, None where all frames are the same.
+        signals: the signals that differ, in the order of when they begin to.
+        notes: differences that are not of a signal: buses, messages or frames that only one run has.
+    """
+
+    frames: tuple[int, int]
+    first: FirstDifference | None
+    signals: tuple[SignalDifference, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all frames are the same."""
+        return self.first is None and not self.notes
+
+    def __str__(self) -> str:
+        """Return the difference as text for a person."""
+        if self.same:
+            return f"same: {self.frames[0]} frames are the same, byte for byte (wall-clock messages left out)"
+        lines = [f"different: {self.frames[0]} and {self.frames[1]} frames (wall-clock messages left out)"]
+        if self.first:
+            lines += [
+                f"first difference at {self.first.time_s:.3f} s on {self.first.bus}:",
+                f"  A: {self.first.a or 'no frame'}",
+                f"  B: {self.first.b or 'no frame'}",
+            ]
+        lines += self.notes
+        if self.signals:
+            lines.append(f"{len(self.signals)} signals differ:")
+            lines += [
+                f"  {s.bus} {s.message}.{s.signal}: from {s.first_s:.3f} s, {s.count} values, "
+                f"by at most {s.largest:.6g} {s.unit}".rstrip()
+                for s in self.signals
+            ]
+        return "\n".join(lines)
+
+
+def diff(a: Path | str, b: Path | str) -> Difference:
+    """Compare two logs.
+
+    Raises:
+        BadInput: a file cannot be read, is not a log, or holds no frame.
+    """
+    runs = Run(a), Run(b)
+    for run in runs:
+        if not run.buses:
+            raise BadInput(f"{run.path} holds no frame: there is nothing to compare")
+    buses = [bus for bus in runs[0].buses if bus in runs[1].buses]
+    notes = [*_only_one(runs, "bus", runs[0].buses, runs[1].buses)]
+    firsts: list[FirstDifference] = []
+    signals: list[SignalDifference] = []
+    counts = [0, 0]
+    for bus in buses:
+        left, right = (_frames(run, bus) for run in runs)
+        counts[0] += len(left)
+        counts[1] += len(right)
+        first = _first_difference(runs, bus, left, right)
+        if first is None:
+            continue
+        firsts.append(first)
+        names = runs[0].messages(bus), runs[1].messages(bus)
+        notes += _only_one(runs, f"message on {bus}", *names)
+        for message in (name for name in names[0] if name in names[1]):
+            found, note = _signal_differences(runs, bus, message)
+            signals += found
+            notes += note
+    return Difference(
+        frames=(counts[0], counts[1]),
+        first=min(firsts, key=lambda first: first.time_s, default=None),
+        signals=tuple(sorted(signals, key=lambda signal: signal.first_s)),
+        notes=tuple(notes),
+    )
+
+
+def _frames(run: Run, bus: str) -> npt.NDArray[Any]:
+    table = run.frame_table(bus)
+    return table[~np.isin(table["can_id"], list(run.wall_clock_ids(bus)))]
+
+
+def _only_one(runs: tuple[Run, Run], what: str, a: Iterable[str], b: Iterable[str]) -> list[str]:
+    a, b = list(a), list(b)
+    pairs = (("A", a, b), ("B", b, a))
+    return [f"only {name} has {what} {item}" for name, own, other in pairs for item in own if item not in other]
+
+
+def _first_difference(
+    runs: tuple[Run, Run], bus: str, left: npt.NDArray[Any], right: npt.NDArray[Any]
+) -> FirstDifference | None:
+    common = min(len(left), len(right))
+    differs = np.zeros(common, np.bool_)
+    for column in _COMPARED:
+        unequal = left[column][:common] != right[column][:common]
+        differs |= unequal.any(axis=1) if unequal.ndim > 1 else unequal
+    at = int(np.argmax(differs)) if differs.any() else common
+    rows = [table[at] if at < len(table) else None for table in (left, right)]
+    if rows[0] is None and rows[1] is None:
+        return None
+    time_ns = min(int(row["time"]) for row in rows if row is not None)
+    texts = [None if row is None else _describe(run, bus, row) for run, row in zip(runs, rows, strict=True)]
+    return FirstDifference(time_ns * 1e-9, bus, texts[0], texts[1])
+
+
+def _describe(run: Run, bus: str, row: Any) -> str:
+    """Return a frame as text: time, identifier, bytes and, where the log has them decoded, its signals."""
+    can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
+    text = f"{int(row['time']) * 1e-9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
+    for message in run.messages(bus):
+        channel = run.topics[f"/signals/{bus}/{message}"]
+        if int(channel.metadata.get("can_id", "0"), 16) == can_id:
+            columns = run.message(bus, message)
+            at = int(np.searchsorted(columns["t"], int(row["time"]) * 1e-9 - 1e-9))
+            if at < len(columns["t"]):
+                values = (f"{name} {columns[name][at]:.9g}" for name in columns if name != "t")
+                return f"{text} {message}: {', '.join(values)}"
+    return text
+
+
+def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[list[SignalDifference], list[str]]:
+    if runs[0].topics[f"/signals/{bus}/{message}"].metadata.get("wall_clock") == "yes":
+        return [], []
+    tables = runs[0].message(bus, message), runs[1].message(bus, message)
+    rows = _same_times(*tables)
+    found = []
+    for name in (name for name in tables[0] if name != "t" and name in tables[1]):
+        values = [table[name][index].astype(np.float64) for table, index in zip(tables, rows, strict=True)]
+        differs = ~((values[0] == values[1]) | (np.isnan(values[0]) & np.isnan(values[1])))
+        if differs.any():
+            found.append(
+                SignalDifference(
+                    bus=bus,
+                    message=message,
+                    signal=name,
+                    first_s=float(tables[0]["t"][rows[0]][np.argmax(differs)]),
+                    count=int(differs.sum()),
+                    largest=float(np.abs(values[0] - values[1])[differs].max()),
+                    unit=runs[0].unit(f"/signals/{bus}/{message}", name),
+                )
+            )
+    lengths = len(tables[0]["t"]), len(tables[1]["t"])
+    notes = [f"{message} on {bus}: {lengths[0]} frames in A, {lengths[1]} in B"] if lengths[0] != lengths[1] else []
+    return found, notes
+
+
+def _same_times(a: Columns, b: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the rows of each table whose time in ns is in the other too."""
+    times = [np.rint(table["t"] * 1e9).astype(np.int64) for table in (a, b)]
+    _, left, right = np.intersect1d(*times, return_indices=True)
+    return left, right
