@@ -200,15 +200,14 @@ def certified_cost(
     if (radius * np.linalg.norm(gain, axis=1) > 1.001 * room).any():
         return None
     stage = root.T @ root + rho * gain.T @ gain
-    cost = 0.0
-    for A, B in models:
-        step = inverse @ (A @ root + B @ gain)
-        shrink = np.eye(N) - step.T @ step
-        if np.linalg.eigvalsh(shrink)[0] <= 0.0:
-            return None
-        # The smallest tau with shrink >= stage / tau.
-        factor = np.linalg.inv(np.linalg.cholesky(shrink))
-        cost = max(cost, float(np.linalg.eigvalsh(factor @ stage @ factor.T)[-1]))
+    A, B = np.stack([A for A, _ in models]), np.stack([B for _, B in models])
+    step = inverse @ (A @ root + B @ gain)
+    shrink = np.eye(N) - step.transpose(0, 2, 1) @ step
+    if np.linalg.eigvalsh(shrink).min() <= 0.0:
+        return None
+    # The smallest tau with shrink >= stage / tau.
+    factor = np.linalg.inv(np.linalg.cholesky(shrink))
+    cost = float(np.linalg.eigvalsh(factor @ stage @ factor.transpose(0, 2, 1)).max())
     return cost * radius**2
 
 

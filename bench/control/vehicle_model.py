@@ -109,41 +109,30 @@ class VehicleModel:
         s = l_r * gamma - v_y
         F_yf = self._Cf2 * (delta - q / v)
 
-        # How each axle's lateral force moves the state, and how the state and the steering move that force.
-        front = np.array([-delta / M, 1.0 / M, l_f / I_z])
-        rear = np.array([0.0, 1.0 / M, -l_r / I_z])
-        front_of_state = self._Cf2 * np.array([q / v**2, -1.0 / v, -l_f / v])
-        rear_of_state = self._Cr2 * np.array([-s / v**2, -1.0 / v, l_r / v])
-        steering_drag = np.array([-F_yf / M, 0.0, 0.0])
+        # How each axle's lateral force moves the state (columns of H), and how the state and the steering move it.
+        H = np.array([[-T * delta / M, -T * F_yf / M, 0.0], [T / M, 0.0, T / M], [T * l_f / I_z, 0.0, -T * l_r / I_z]])
+        front, rear = self._Cf2 / v, self._Cr2 / v
+        of_state = np.array(
+            [[front * q / v, -front, -front * l_f], [0.0, 0.0, 0.0], [-rear * s / v, -rear, rear * l_r]]
+        )
+        of_steering = np.array([self._Cf2, 1.0, 0.0])
 
-        A_front = T * np.outer(front, front_of_state)
-        A_rear = T * np.outer(rear, rear_of_state)
-        b_front = T * (front * self._Cf2 + steering_drag)
-
-        A = np.array(
+        rest = np.array(
+            [[1.0 - 2.0 * T * self._C_a * v / M, T * gamma, T * v_y], [-T * gamma, 1.0, -T * v], [0.0, 0.0, 1.0]]
+        )
+        F_front = F_x1 + F_x4
+        m, i, half = T / M, T / I_z, 0.5 * l_t
+        B = np.array(
             [
-                [-2.0 * self._C_a * v / M, gamma, v_y],
-                [-gamma, 0.0, -v],
-                [0.0, 0.0, 0.0],
+                [0.0, m, m, m, m],
+                [m * F_front, m * delta, 0.0, 0.0, m * delta],
+                [i * l_f * F_front, i * (l_f * delta - half), -i * half, i * half, i * (half + l_f * delta)],
             ]
         )
-        A = np.eye(STATES) + T * A + A_front + A_rear
-
-        half = 0.5 * l_t
-        B = np.empty((STATES, INPUTS))
-        F_front = F_x1 + F_x4
-        B[:, 0] = b_front + T * np.array([0.0, F_front / M, l_f * F_front / I_z])
-        B[0, 1:] = T / M
-        B[1, 1:] = T * np.array([delta / M, 0.0, 0.0, delta / M])
-        B[2, 1:] = T / I_z * np.array([l_f * delta - half, -half, half, half + l_f * delta])
-
-        spread = p.cornering_variation
-        H = T * np.column_stack([front, steering_drag, rear])
-        N1 = spread * np.vstack([front_of_state, np.zeros(STATES), rear_of_state])
+        B[:, 0] += H @ of_steering
         N2 = np.zeros((3, INPUTS))
-        N2[0, 0] = spread * self._Cf2
-        N2[1, 0] = spread
-        return LinearModel(A, B, H, N1, N2)
+        N2[:, 0] = p.cornering_variation * of_steering
+        return LinearModel(rest + H @ of_state, B, H, p.cornering_variation * of_state, N2)
 
     def steady_lateral_velocity(self, v_x: float, gamma: float) -> float:
         """v_y (m/s) of steady cornering at v_x > 0 (m/s) and yaw rate gamma (rad/s), no drive force.
