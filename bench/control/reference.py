@@ -52,7 +52,8 @@ def reference_input(
         start: (3,) virtual input to start from (the last step's).
         state_weight: (3,) diagonal of Q_1, per squared state unit.
         input_weight: (3,) diagonal of R_1, for each input in units of its limit.
-        passes: quadratic programmes solved; two reach the optimum to rounding, f being bilinear in U.
+        passes: quadratic programmes solved; two reach the optimum where the next state is in reach, and come
+            within a hundredth of its cost where the bounds bind and the start is far off.
     """
     limit = allocation.limit
     ones = np.ones(limit.size)
