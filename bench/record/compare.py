@@ -97,7 +97,7 @@ def diff(a: Path | str, b: Path | str) -> Difference:
         if not run.buses:
             raise BadInput(f"{run.path} holds no frame: there is nothing to compare")
     buses = [bus for bus in runs[0].buses if bus in runs[1].buses]
-    notes = [*_only_one(runs, "bus", runs[0].buses, runs[1].buses)]
+    notes = [*_only_one("bus", runs[0].buses, runs[1].buses)]
     firsts: list[FirstDifference] = []
     signals: list[SignalDifference] = []
     counts = [0, 0]
@@ -110,7 +110,7 @@ def diff(a: Path | str, b: Path | str) -> Difference:
             continue
         firsts.append(first)
         names = runs[0].messages(bus), runs[1].messages(bus)
-        notes += _only_one(runs, f"message on {bus}", *names)
+        notes += _only_one(f"message on {bus}", *names)
         for message in (name for name in names[0] if name in names[1]):
             found, note = _signal_differences(runs, bus, message)
             signals += found
@@ -128,7 +128,7 @@ def _frames(run: Run, bus: str) -> npt.NDArray[Any]:
     return table[~np.isin(table["can_id"], list(run.wall_clock_ids(bus)))]
 
 
-def _only_one(runs: tuple[Run, Run], what: str, a: Iterable[str], b: Iterable[str]) -> list[str]:
+def _only_one(what: str, a: Iterable[str], b: Iterable[str]) -> list[str]:
     a, b = list(a), list(b)
     pairs = (("A", a, b), ("B", b, a))
     return [f"only {name} has {what} {item}" for name, own, other in pairs for item in own if item not in other]
@@ -194,6 +194,6 @@ def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[
 
 def _same_times(a: Columns, b: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Return the rows of each table whose time in ns is in the other too."""
-    times = [np.rint(table["t"] * 1e9).astype(np.int64) for table in (a, b)]
-    _, left, right = np.intersect1d(*times, return_indices=True)
-    return left, right
+    a_ns, b_ns = (np.rint(table["t"] * 1e9).astype(np.int64) for table in (a, b))
+    _, left, right = np.intersect1d(a_ns, b_ns, return_indices=True)
+    return left.astype(np.int64), right.astype(np.int64)

@@ -18,7 +18,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
-from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.message import DecodeError, Message
 
 Kind = Literal["double", "float", "fixed32", "sfixed32", "fixed64", "sfixed64", "enum"]
@@ -98,7 +97,7 @@ class Layout:
     def of(cls, kind: type[Message]) -> Layout | None:
         """Return the layout of a message read from a file, or None where it is not flat and of fixed width."""
         fields = []
-        found: list[FieldDescriptor] = sorted(kind.DESCRIPTOR.fields, key=lambda f: f.number)
+        found: list[Any] = sorted(kind.DESCRIPTOR.fields, key=lambda f: f.number)
         for number, item in enumerate(found, start=1):
             encoding = _KIND_OF_TYPE.get(item.type)
             if encoding is None or item.is_repeated or item.number != number:
@@ -132,7 +131,7 @@ class Layout:
         return tuple(item.name for item in self.fields)
 
 
-def _names(item: FieldDescriptor) -> dict[int, str]:
+def _names(item: Any) -> dict[int, str]:
     return {value.number: value.name for value in item.enum_type.values} if item.enum_type else {}
 
 
