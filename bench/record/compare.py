@@ -148,18 +148,18 @@ def _first_difference(
         return None
     time_ns = min(int(row["time"]) for row in rows if row is not None)
     texts = [None if row is None else _describe(run, bus, row) for run, row in zip(runs, rows, strict=True)]
-    return FirstDifference(time_ns * 1e-9, bus, texts[0], texts[1])
+    return FirstDifference(time_ns / 1e9, bus, texts[0], texts[1])
 
 
 def _describe(run: Run, bus: str, row: Any) -> str:
     """Return a frame as text: time, identifier, bytes and, where the log has them decoded, its signals."""
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
-    text = f"{int(row['time']) * 1e-9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
+    text = f"{int(row['time']) / 1e9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
     for message in run.messages(bus):
         channel = run.topics[f"/signals/{bus}/{message}"]
         if int(channel.metadata.get("can_id", "0"), 16) == can_id:
             columns = run.message(bus, message)
-            at = int(np.searchsorted(columns["t"], int(row["time"]) * 1e-9 - 1e-9))
+            at = int(np.searchsorted(columns["t"], int(row["time"]) / 1e9 - 1e-9))
             if at < len(columns["t"]):
                 values = (f"{name} {columns[name][at]:.9g}" for name in columns if name != "t")
                 return f"{text} {message}: {', '.join(values)}"

@@ -106,7 +106,7 @@ class Run:
         """What happened, in order."""
         names = {number: name for name, number in foxglove.LEVELS.items()}
         return [
-            Event(time_ns * 1e-9, names.get(log.level, "info"), log.name, log.message)
+            Event(time_ns / 1e9, names.get(log.level, "info"), log.name, log.message)
             for time_ns, log in self._parsed("/events")
         ]
 
@@ -246,7 +246,7 @@ class Run:
             parts.append(_flat(data, offsets, heads["length"], layout) if layout else None)
             if parts[-1] is None:
                 parts[-1] = self._parse_flat(data, offsets, heads["length"], kind, names)
-        columns: Columns = {"t": np.concatenate(times) * 1e-9 if times else np.empty(0)}
+        columns: Columns = {"t": np.concatenate(times) / 1e9 if times else np.empty(0)}
         for name in names:
             columns[name] = np.concatenate([part[name] for part in parts if part is not None]) if parts else np.empty(0)
         return columns

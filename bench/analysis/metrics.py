@@ -1,0 +1,201 @@
+"""The figures a run is judged by, computed from its log alone."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.boundary import margin
+from bench.analysis.motion import Array, Motion, motion, rows_at
+from bench.record import Run
+
+GAP_BAND_M = 0.5
+SPEED_BAND_MPS = 0.2
+LATERAL_BAND_M = 0.2
+YAW_BAND_RAD = 0.01
+
+_MICROSECONDS_PER_MS = 1000.0
+# Values of the DBC's tables for TrackerStatus: GainSource, SolverStatus and State.
+_GAIN_FROM_SDP = 0
+_NOT_RUN = 6
+_INIT = 0
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """The figures of one run; lists hold one value a vehicle, `final_gaps_m` one a gap from the platoon's head.
+
+    Attributes:
+        scenario: its name.
+        vehicles: number of vehicles.
+        duration_s: simulated time in the log.
+        complete: whether the log is whole and the run went to its end.
+        formed: whether the platoon was formed at the end.
+        formation_time_s: from when on, to the end, gaps, speeds, lateral errors and yaw angles stayed in their bands;
+            None if they are not at the end.
+        least_distance_m: smallest distance between two centres of mass; None for a single vehicle.
+        final_gaps_m: distance along the road from each vehicle to the next behind.
+        final_speeds_mps: longitudinal speeds.
+        final_lateral_errors_m: distance from the middle of the platoon's lane, positive to the left.
+        final_yaws_rad: yaw angles.
+        boundary_margin_min: smallest 1 - |gamma| / gamma_max of the truth; negative is outside the boundary.
+        speed_rmse_mps: truth against the tracker's reference of the same cycle; None where there is none.
+        yaw_rate_rmse_radps: the same for the yaw rate.
+        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; empty where not recorded.
+        tracker_ms: the tracker's whole step.
+        planner_ms: the planner's whole step.
+        fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.
+        frames_lost: frames that receive queues dropped.
+        e2e_errors: frames refused by E2E protection.
+        real_time_factor: simulated over wall-clock time; None where the run was cut off.
+    """
+
+    scenario: str
+    vehicles: int
+    duration_s: float
+    complete: bool
+    formed: bool
+    formation_time_s: float | None
+    least_distance_m: float | None
+    final_gaps_m: list[float]
+    final_speeds_mps: list[float]
+    final_lateral_errors_m: list[float]
+    final_yaws_rad: list[float]
+    boundary_margin_min: float
+    speed_rmse_mps: list[float | None]
+    yaw_rate_rmse_radps: list[float | None]
+    solver_ms: dict[str, float]
+    tracker_ms: dict[str, float]
+    planner_ms: dict[str, float]
+    fallback_steps: int
+    frames_lost: int
+    e2e_errors: int
+    real_time_factor: float | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the figures as values that JSON takes."""
+        return asdict(self)
+
+
+def compute(run: Run) -> Metrics:
+    """Return the figures of a run.
+
+    Raises:
+        BadInput: the log has no truth or no scenario.
+    """
+    scenario = run.scenario
+    goal = scenario.platoon
+    truth = motion(run)
+    formed_at = formation_time(truth, goal.lane_y_m, goal.speed_mps, goal.gap_m)
+    distances = truth.distances()
+    duration = _duration(run, truth)
+    wall_s = _number(run.result.get("wall_s"))
+    return Metrics(
+        scenario=scenario.name,
+        vehicles=run.vehicles,
+        duration_s=duration,
+        complete=not run.damage and duration >= scenario.duration_s - 1e-6,
+        formed=formed_at is not None,
+        formation_time_s=formed_at,
+        least_distance_m=min((float(d.min()) for d in distances.values()), default=None),
+        final_gaps_m=truth.gaps[:, -1].tolist(),
+        final_speeds_mps=truth.v_x[:, -1].tolist(),
+        final_lateral_errors_m=(truth.Y[:, -1] - goal.lane_y_m).tolist(),
+        final_yaws_rad=truth.psi[:, -1].tolist(),
+        boundary_margin_min=float(margin(truth.gamma, truth.v_x, truth.mu).min()),
+        speed_rmse_mps=[_rmse(run, vehicle, truth.t, values, "VelocityX") for vehicle, values in _each(truth.v_x)],
+        yaw_rate_rmse_radps=[_rmse(run, vehicle, truth.t, values, "YawRate") for vehicle, values in _each(truth.gamma)],
+        solver_ms=_percentiles(run, "TrackerTiming", "SolveTime"),
+        tracker_ms=_percentiles(run, "TrackerTiming", "StepTime"),
+        planner_ms=_percentiles(run, "PlannerTiming", "StepTime"),
+        fallback_steps=fallback_steps(run),
+        frames_lost=max(_last_sum(run, "FramesLost"), int(_number(run.result.get("frames_lost")) or 0)),
+        e2e_errors=max(_last_sum(run, "E2EErrors"), int(_number(run.result.get("e2e_errors")) or 0)),
+        real_time_factor=duration / wall_s if wall_s else None,
+    )
+
+
+def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> float | None:
+    """Return from when on, to the end, the platoon is formed (s), or None.
+
+    Args:
+        truth: the motion.
+        lane_y: middle of the platoon's lane, m.
+        speed: the platoon's, m/s.
+        gap: centre to centre, m.
+    """
+    good = (np.abs(truth.gaps - gap) <= GAP_BAND_M).all(axis=0)
+    good &= (np.abs(truth.v_x - speed) <= SPEED_BAND_MPS).all(axis=0)
+    good &= (np.abs(truth.Y - lane_y) < LATERAL_BAND_M).all(axis=0)
+    good &= (np.abs(truth.psi) < YAW_BAND_RAD).all(axis=0)
+    bad = np.flatnonzero(~good)
+    first = int(bad[-1]) + 1 if len(bad) else 0
+    return float(truth.t[first]) if first < len(truth.t) else None
+
+
+def fallback_steps(run: Run) -> int:
+    """Return in how many cycles, over all vehicles, a tracker that ran drove with a gain not from that cycle's SDP."""
+    total = 0
+    for vehicle in range(1, run.vehicles + 1):
+        bus = f"veh{vehicle}"
+        if run.has(bus, "TrackerStatus"):
+            status = run.message(bus, "TrackerStatus")
+            ran = status["SolverStatus"] != _NOT_RUN
+            total += int((ran & (status["GainSource"] != _GAIN_FROM_SDP)).sum())
+    return total
+
+
+def _each(values: Array) -> list[tuple[int, Array]]:
+    return list(enumerate(values, start=1))
+
+
+def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float | None:
+    """Return the root mean square of truth minus reference over the cycles that had one."""
+    bus = f"veh{vehicle}"
+    if not run.has(bus, "TrackerReferenceState"):
+        return None
+    reference = run.message(bus, "TrackerReferenceState")
+    if run.has(bus, "TrackerStatus"):
+        # A tracker that has not begun sends no reference worth the name.
+        status = run.message(bus, "TrackerStatus")
+        begun = status["t"][status["State"] != _INIT]
+        reference = {name: column[rows_at(reference, begun)[0]] for name, column in reference.items()}
+    rows, at = rows_at(reference, t)
+    return float(np.sqrt(np.mean((truth[at] - reference[signal][rows]) ** 2))) if len(rows) else None
+
+
+def _percentiles(run: Run, message: str, signal: str) -> dict[str, float]:
+    """Return p50 and p99 in ms of a time in us over all vehicles, steps of no time left out; empty where none."""
+    buses = [f"veh{vehicle}" for vehicle in range(1, run.vehicles + 1)]
+    columns = [run.signal(bus, message, signal)[1] for bus in buses if run.has(bus, message)]
+    times = np.concatenate(columns) if columns else np.empty(0)
+    times = times[times > 0]
+    if not len(times):
+        return {}
+    p50, p99 = np.percentile(times, [50, 99]) / _MICROSECONDS_PER_MS
+    return {"p50": float(p50), "p99": float(p99)}
+
+
+def _last_sum(run: Run, signal: str) -> int:
+    """Return the sum of the last values of a counter over all health messages of all buses."""
+    total = 0
+    for bus in run.buses:
+        for message in run.messages(bus):
+            if message.endswith("BusHealth"):
+                total += int(run.message(bus, message)[signal][-1])
+    return total
+
+
+def _duration(run: Run, truth: Motion) -> float:
+    cycles = _number(run.result.get("cycles"))
+    step = float(truth.t[1] - truth.t[0]) if len(truth.t) > 1 else 0.0
+    return cycles * step if cycles and step else float(truth.t[-1] - truth.t[0]) + step
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        return float(text) if text else None
+    except ValueError:
+        return None

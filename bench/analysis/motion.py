@@ -1,0 +1,101 @@
+"""What a run's vehicles truly did, on one time base, and what they were asked for."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import BadInput
+from bench.record import Run
+from bench.record.reader import Columns
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The truth of all N vehicles at n common times.
+
+    Attributes:
+        t: (n,) s.
+        X, Y: (N, n) centre of mass in the road frame, m.
+        psi: (N, n) yaw angle, rad.
+        v_x: (N, n) longitudinal speed, m/s.
+        gamma: (N, n) yaw rate, rad/s.
+        mu: (N, n) adhesion to reckon with: the smaller of the road's and the planner's.
+        order: vehicles (from 0) from the platoon's head to its tail.
+    """
+
+    t: Array
+    X: Array
+    Y: Array
+    psi: Array
+    v_x: Array
+    gamma: Array
+    mu: Array
+    order: tuple[int, ...]
+
+    @property
+    def gaps(self) -> Array:
+        """Distances along X from each vehicle of the platoon to the next behind it, (N - 1, n), m."""
+        slots = self.X[list(self.order)]
+        return slots[:-1] - slots[1:]
+
+    def distances(self) -> dict[tuple[int, int], Array]:
+        """Return the distance between the centres of mass of each pair of vehicles (from 0), (n,), m."""
+        pairs = itertools.combinations(range(len(self.X)), 2)
+        return {(i, j): np.hypot(self.X[i] - self.X[j], self.Y[i] - self.Y[j]) for i, j in pairs}
+
+
+def motion(run: Run) -> Motion:
+    """Return the true motion of a run's vehicles, at the times all of them have.
+
+    Raises:
+        BadInput: the log has no truth of a vehicle, or nothing at a common time.
+    """
+    truths = [run.truth(vehicle) for vehicle in range(1, run.vehicles + 1)]
+    # Time in ns as whole numbers, so that equal times are equal.
+    stamps = [np.rint(truth["t"] * 1e9).astype(np.int64) for truth in truths]
+    common = stamps[0]
+    for stamp in stamps[1:]:
+        common = np.intersect1d(common, stamp)
+    if not len(common):
+        raise BadInput(f"{run.path} has no truth of all {run.vehicles} vehicles at one time: the run ended at once")
+    rows = [np.searchsorted(stamp, common) for stamp in stamps]
+
+    def stacked(name: str) -> Array:
+        return np.stack([np.asarray(truth[name])[row] for truth, row in zip(truths, rows, strict=True)])
+
+    X = stacked("X")  # noqa: N806 - the paper's symbol
+    return Motion(
+        t=(common / 1e9).astype(np.float64),
+        X=X,
+        Y=stacked("Y"),
+        psi=stacked("psi"),
+        v_x=stacked("v_x"),
+        gamma=stacked("gamma"),
+        mu=np.minimum(stacked("mu"), run.scenario.planner.adhesion),
+        order=_order(run, X[:, 0]),
+    )
+
+
+def _order(run: Run, start: Array) -> tuple[int, ...]:
+    """Return the vehicles by their slots, by where they started where the slots are not known."""
+    slots = []
+    for vehicle in range(1, run.vehicles + 1):
+        if not run.has(f"veh{vehicle}", "PlannerStatus"):
+            break
+        slots.append(int(run.message(f"veh{vehicle}", "PlannerStatus")["Slot"][-1]))
+    if len(set(slots)) == run.vehicles:
+        return tuple(int(index) for index in np.argsort(slots))
+    return tuple(int(index) for index in np.argsort(-start, kind="stable"))
+
+
+def rows_at(columns: Columns, t: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the rows of `columns` and of `t` (n,) s that are of the same time."""
+    left, right = (np.rint(times * 1e9).astype(np.int64) for times in (columns["t"], t))
+    _, rows, at = np.intersect1d(left, right, return_indices=True)
+    return rows.astype(np.int64), at.astype(np.int64)
