@@ -6,6 +6,7 @@ What a command needs is imported inside it, so that help and the start of a run 
 import json
 import os
 import sys
+import warnings
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
@@ -290,6 +291,7 @@ def info(fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built
 
 def main() -> None:
     """Run the command; show what went wrong as one message."""
+    warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
     try:
         app()
     except (BenchError, FmuError) as error:

@@ -52,6 +52,8 @@ def show_metrics(metrics: "Metrics") -> None:
     console = Console()
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
+    if not metrics.complete:
+        console.print("The run or its log was cut off: 'final' is the last that the log holds.")
 
 
 def _overall(metrics: "Metrics") -> Table:
@@ -62,10 +64,12 @@ def _overall(metrics: "Metrics") -> Table:
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
         ("solver, median / p99", _percentiles(metrics.solver_ms)),
-        ("planner, median / p99", _percentiles(metrics.planner_ms)),
+        ("tracker's step, median / p99", _percentiles(metrics.tracker_ms)),
+        ("planner's step, median / p99", _percentiles(metrics.planner_ms)),
         ("real-time factor", _figure(metrics.real_time_factor, "{:.2f}")),
         ("fallback steps", str(metrics.fallback_steps)),
         ("frames lost", str(metrics.frames_lost)),
+        ("E2E errors", str(metrics.e2e_errors)),
     ]
     table = Table(show_header=False)
     for row in rows:
