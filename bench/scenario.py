@@ -20,6 +20,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator, with_co
 from pydantic_core import PydanticCustomError
 
 from bench.control.near_identity import check_length
+from bench.bus.topic import CYCLE_MS
 from bench.control.planner import PlannerSettings, planning_cycles
 from bench.control.tracker import TrackerSettings
 from bench.errors import BadInput
@@ -27,7 +28,7 @@ from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constan
 from bench.scenario_errors import Source, closest, explain
 from bench.scenario_overrides import put
 
-CYCLE_S = 0.01
+CYCLE_S = CYCLE_MS / 1000
 """One cycle of the bench (s): sensors, references and commands are exchanged once in it."""
 
 LEAST_START_DISTANCE_M = 4.0
