@@ -105,7 +105,9 @@ class _Nursery:
         from bench.ecu.main import load_class
 
         for spec in self._brood.preload:
-            load_class(spec)
+            warm_up = getattr(load_class(spec), "warm_up", None)
+            if warm_up is not None:
+                warm_up()
         # What is imported stays: no garbage collection need look at it, in no child.
         gc.collect()
         gc.freeze()

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from time import perf_counter
 
 from bench.bus.topic import V2V, Health, Outgoing, Signals, Topic, vehicle_bus
-from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
+from bench.control.planner import Motion, Planner, PlannerOutput, PlannerSettings, PlatoonGoal
 from bench.ecu.states import EcuState, ReferenceState
 from bench.scenario import CYCLE_S, Scenario
 from platoon_fmu.parameters import VehicleParameters
@@ -49,6 +49,14 @@ class PlannerEcu:
         self._peers: dict[int, Motion] = {}
         self._last: PlannerOutput | None = None
         self._optimise_s = 0.0
+
+    @staticmethod
+    def warm_up() -> None:
+        """Load the compiled functions by using them once, which processes forked afterwards need not do again."""
+        planner = Planner(PlannerSettings(), PlatoonGoal(0.0, 20.0, 10.0), VehicleParameters(), 1, 2, 0, CYCLE_S)
+        own, other = Motion(0.0, 0.0, 20.0, 0.0, 0.0), Motion(-10.0, 0.0, 20.0, 0.0, 0.0)
+        planner.assign_slots({1: own, 2: other}, 0.0)
+        planner.step(0, 0.0, own, own.speed, {2: other})
 
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
         """Plan the next cycle's reference and broadcast this cycle's motion."""
