@@ -1,8 +1,8 @@
 """What an ECU is to the bench: a name, the messages it takes, and one step a cycle.
 
 Any class with these members is an ECU; it need not inherit from anything here. It is made with the number of its
-vehicle and the scenario, and it sees nothing of the others but frames. Where its class has a static method `warm_up`, it
-is called once before the processes are forked: what is loaded there need not be loaded in each.
+vehicle and the scenario, and it sees nothing of the others but frames. Where its class has a static method `warm_up`,
+it is called once before the processes are forked: what is loaded there need not be loaded in each.
 """
 
 from collections.abc import Mapping
