@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq, root
 
+from bench.control.allocation import Allocation
 from bench.control.vehicle_model import VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 
@@ -98,14 +99,24 @@ def test_uncertainty_is_that_of_the_cornering_stiffnesses(
 
 
 @given(states, inputs)
-def test_uncertainty_has_rank_three(xi: np.ndarray, u: np.ndarray) -> None:
+def test_uncertainty_enters_by_the_axles_lateral_forces(xi: np.ndarray, u: np.ndarray) -> None:
+    """(26), corrected: H by force, drag and moment of the axles' forces; nothing of it comes from the drive forces."""
     linear = NOMINAL.linearise(xi, u)
-    change = np.hstack([np.vstack([linear.dA_f, linear.dA_r]), np.vstack([linear.dB_f, np.zeros((3, 5))])])
-    assert np.linalg.matrix_rank(np.hstack([linear.dA_f + linear.dA_r, linear.dB_f])) <= 3
-    assert np.linalg.matrix_rank(linear.dA_f, tol=1e-12) <= 1
-    assert np.linalg.matrix_rank(linear.dA_r, tol=1e-12) <= 1
-    assert not linear.dB_f[:, 1:].any()
-    assert np.abs(change).max() > 0
+    delta = u[0]
+    np.testing.assert_allclose(linear.H[:, 0], T * np.array([-delta / 1723, 1 / 1723, 1.4 / 4175]), rtol=1e-12)
+    np.testing.assert_allclose(linear.H[:, 2], T * np.array([0, 1 / 1723, -1.6 / 4175]), rtol=1e-12)
+    assert not linear.H[1:, 1].any()
+    assert not linear.N2[:, 1:].any()
+    assert not linear.N2[2].any()
+
+
+def test_virtual_inputs_go_through_to_the_uncertainty(allocation: Allocation) -> None:
+    linear = NOMINAL.linearise(XI, U)
+    virtual = linear.with_inputs(allocation.matrix)
+    for corner in ((0.0, 0.0), (1.0, -1.0), (-0.3, 0.8)):
+        (A, B), (A_virtual, B_virtual) = linear.at(*corner), virtual.at(*corner)
+        np.testing.assert_array_equal(A_virtual, A)
+        np.testing.assert_allclose(B_virtual, B @ allocation.matrix, rtol=1e-12, atol=1e-18)
 
 
 @pytest.mark.parametrize("v", np.linspace(5, 40, 36))
