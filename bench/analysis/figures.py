@@ -1,0 +1,440 @@
+"""The report's figures as data: which curves, over what, with which limits and marks. The page draws them.
+
+Figures 7 to 13 are those of the paper and bear its numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis.boundary import margin, yaw_rate_max
+from bench.analysis.motion import Array, motion, rows_at
+from bench.analysis.requirements import LEAST_DISTANCE_M
+from bench.record import Run
+from bench.record.drawing import colour, lane_edges
+
+MAX_POINTS = 2400
+"""A curve of more samples is thinned out to at most this many."""
+
+_ALL_PAIRS_UP_TO = 4
+_WHEELS = ("FL", "FR", "RL", "RR")
+_PAPER_BOUNDARY_FIGURES = {1: "Fig. 11", 2: "Fig. 12", 3: "Fig. 13"}
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One curve.
+
+    Attributes:
+        name: as the legend shows it; curves of one name are shown and hidden together.
+        x, y: keys of its values in the pool.
+        colour: `#rrggbb`, or `limit` or `ink` for the page's own.
+        dash: whether it is dashed.
+        at: key of the time of each point, for the time cursor; empty for a curve that has no times.
+        step: whether values hold until the next point.
+        points: whether the values are dots and not joined.
+        fill: whether the area down to zero is filled.
+    """
+
+    name: str
+    x: str
+    y: str
+    colour: str
+    dash: bool = False
+    at: str = "t"
+    step: bool = False
+    fill: bool = False
+    points: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """A level across a figure: value of y, name, and whether it is a limit (else a goal)."""
+
+    y: float
+    name: str = ""
+    limit: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure.
+
+    Attributes:
+        id: for links.
+        title, caption: caption may be empty.
+        group: heading it stands under.
+        x_label, y_label: with unit.
+        curves, lines: what is drawn.
+        time: whether x is the run's time, so that it zooms and moves with the other figures.
+        wide: whether it takes the page's whole width.
+        y_range: least range of y; empty for none.
+        y_top: where y ends, though curves go on; None for the curves' own end.
+        x_range: range of x; empty for that of the data.
+        lanes: Y of lane markings and whether each is solid, for a figure of the road.
+    """
+
+    id: str
+    title: str
+    group: str
+    x_label: str
+    y_label: str
+    curves: list[Curve]
+    caption: str = ""
+    lines: list[Line] = field(default_factory=list)
+    time: bool = True
+    wide: bool = False
+    y_range: list[float] = field(default_factory=list)
+    y_top: float | None = None
+    x_range: list[float] = field(default_factory=list)
+    lanes: list[tuple[float, bool]] = field(default_factory=list)
+
+
+class Figures:
+    """All figures of a run and the pool of values their curves share.
+
+    Attributes:
+        figures: in the order of the page.
+        pool: key -> values; `t` is time in s.
+    """
+
+    def __init__(self, run: Run) -> None:
+        """Make the figures of `run`.
+
+        Raises:
+            BadInput: the log has no truth or no scenario.
+        """
+        self._run = run
+        self._truth = motion(run)
+        self._scenario = run.scenario
+        self._stride = -(-len(self._truth.t) // MAX_POINTS)
+        self._vehicles = range(1, run.vehicles + 1)
+        self.pool: dict[str, list[float | None]] = {}
+        self.figures: list[Figure] = []
+        self._put("t", self._truth.t)
+        self._paper_figures()
+        self._more_of_the_motion()
+        self._commands()
+        self._estimates()
+        self._flocking()
+        self._solvers()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return figures and pool as values that JSON takes."""
+        return {"figures": [asdict(figure) for figure in self.figures], "pool": self.pool}
+
+    def _paper_figures(self) -> None:
+        truth, goal = self._truth, self._scenario.platoon
+        for index, v in enumerate(self._vehicles):
+            values = {
+                "X": truth.X,
+                "Y": truth.Y,
+                "psi": truth.psi,
+                "v_x": truth.v_x,
+                "gamma": truth.gamma,
+            }
+            for name, rows in values.items():
+                self._put(f"{v}.{name}", rows[index])
+        lanes = sorted({goal.lane_y_m, *(vehicle.y_m for vehicle in self._scenario.vehicles)})
+        group = "The paper's figures"
+        self._add(
+            Figure(
+                "fig7",
+                "Fig. 7  Motion trails",
+                group,
+                "X, along the road [m]",
+                "Y [m]",
+                [self._curve(v, f"{v}.X", f"{v}.Y") for v in self._vehicles],
+                caption=f"Platoon lane at Y = {goal.lane_y_m:g} m; Y is drawn larger than X.",
+                time=False,
+                wide=True,
+                lanes=lane_edges(lanes),
+                y_range=[lane_edges(lanes)[0][0], lane_edges(lanes)[-1][0]],
+            )
+        )
+        yaw = [self._curve(v, "t", f"{v}.psi") for v in self._vehicles]
+        self._add(self._over_time("fig8", "Fig. 8  Yaw angle", group, "yaw angle [rad]", yaw))
+        speed = self._with_reference("v_x", "VelocityX")
+        lines = [Line(goal.speed_mps, "platoon")]
+        self._add(
+            self._over_time("fig9", "Fig. 9  Longitudinal speed", group, "v_x [m/s]", speed, lines, caption=_DASHED)
+        )
+        rate = self._with_reference("gamma", "YawRate")
+        self._add(self._over_time("fig10", "Fig. 10  Yaw rate", group, "γ [rad/s]", rate, caption=_DASHED))
+        for v in self._vehicles:
+            self._boundary_figure(v, group)
+
+    def _boundary_figure(self, v: int, group: str) -> None:
+        """The yaw rate over the speed of vehicle `v` within its stability boundary."""
+        truth, index = self._truth, v - 1
+        low, high = float(truth.v_x[index].min()), float(truth.v_x[index].max())
+        spare = max(0.5, 2.0 - (high - low) / 2.0)
+        speeds = np.linspace(max(1.0, low - spare), high + spare, 60)
+        mu = float(truth.mu[index].min())
+        limit = yaw_rate_max(speeds, mu)
+        self._put_as_is(f"{v}.limit_v", speeds)
+        self._put_as_is(f"{v}.limit_up", limit)
+        self._put_as_is(f"{v}.limit_down", -limit)
+        number = _PAPER_BOUNDARY_FIGURES.get(v, "As Fig. 11")
+        curves = [
+            Curve("boundary", f"{v}.limit_v", f"{v}.limit_up", "limit", at=""),
+            Curve("", f"{v}.limit_v", f"{v}.limit_down", "limit", at=""),
+            self._curve(v, f"{v}.v_x", f"{v}.gamma"),
+        ]
+        self._add(
+            Figure(
+                f"fig{10 + v}",
+                f"{number}  Yaw rate over speed, vehicle {v}",
+                group,
+                "v_x [m/s]",
+                "γ [rad/s]",
+                curves,
+                caption=f"Boundary |γ| ≤ 0.85 μ g / v_x at μ = {mu:g}.",
+                time=False,
+                x_range=[float(speeds[0]), float(speeds[-1])],
+            )
+        )
+
+    def _more_of_the_motion(self) -> None:
+        truth, goal = self._truth, self._scenario.platoon
+        group = "Formation and safety"
+        if len(truth.order) > 1:
+            lines = [Line(goal.gap_m, "gap"), Line(LEAST_DISTANCE_M, "least", limit=True)]
+            self._add(
+                self._over_time(
+                    "distances",
+                    "Distances between vehicles",
+                    group,
+                    "centre to centre [m]",
+                    self._distance_curves(),
+                    lines,
+                    y_range=[0.0, goal.gap_m],
+                )
+            )
+        for index, v in enumerate(self._vehicles):
+            self._put(f"{v}.lateral", truth.Y[index] - goal.lane_y_m)
+            self._put(f"{v}.margin", margin(truth.gamma[index], truth.v_x[index], truth.mu[index]))
+        lateral = [self._curve(v, "t", f"{v}.lateral") for v in self._vehicles]
+        self._add(
+            self._over_time("lateral", "Offset from the platoon's lane", group, "Y − Y_lane [m]", lateral, [Line(0.0)])
+        )
+        margins = [self._curve(v, "t", f"{v}.margin") for v in self._vehicles]
+        self._add(
+            self._over_time(
+                "margin",
+                "Margin to the stability boundary",
+                group,
+                "1 − |γ| / γ_max",
+                margins,
+                [Line(0.0, "boundary", limit=True)],
+                y_range=[0.0, 1.0],
+            )
+        )
+
+    def _distance_curves(self) -> list[Curve]:
+        """All pairs of a small platoon, else neighbours in the platoon and the smallest of all pairs."""
+        truth = self._truth
+        distances = truth.distances()
+        neighbours = [tuple(sorted(pair)) for pair in zip(truth.order, truth.order[1:], strict=False)]
+        curves = []
+        for index, (i, j) in enumerate(neighbours, start=1):
+            curves.append(self._distance_curve(i, j, distances[i, j], colour(index), dash=False))
+        if len(truth.order) <= _ALL_PAIRS_UP_TO:
+            others = [pair for pair in distances if pair not in neighbours]
+            for index, (i, j) in enumerate(others, start=len(neighbours) + 1):
+                curves.append(self._distance_curve(i, j, distances[i, j], colour(index + 3), dash=True))
+        else:
+            self._put("distance.least", np.min(list(distances.values()), axis=0))
+            curves.append(Curve("least of all pairs", "t", "distance.least", "ink", dash=True))
+        return curves
+
+    def _distance_curve(self, i: int, j: int, values: Array, line_colour: str, *, dash: bool) -> Curve:
+        key = f"distance.{i + 1}-{j + 1}"
+        self._put(key, values)
+        return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
+
+    def _commands(self) -> None:
+        group = "Commands"
+        steering = self._each("SteeringCommand", "SteeringAngle", "command.delta")
+        self._add_if(self._over_time("steering", "Steering angle command", group, "δ [rad]", steering))
+        for v in self._vehicles:
+            curves = []
+            for number, wheel in enumerate(_WHEELS):
+                message = "TorqueCommandFront" if wheel.startswith("F") else "TorqueCommandRear"
+                key = f"{v}.torque.{wheel}"
+                if self._put_signal(key, v, message, f"Torque{wheel}"):
+                    dash = wheel.endswith("R")
+                    curves.append(Curve(wheel, "t", key, colour(5 if number < 2 else 2), dash, step=True))
+            self._add_if(
+                self._over_time(f"torque{v}", f"Wheel torque commands, vehicle {v}", group, "torque [N m]", curves)
+            )
+
+    def _estimates(self) -> None:
+        group = "Disturbance estimates"
+        for signal, title, unit in (
+            ("DisturbanceX", "longitudinal", "m/s²"),
+            ("DisturbanceY", "lateral", "m/s²"),
+            ("DisturbanceYaw", "yaw", "rad/s²"),
+        ):
+            curves = self._each("TrackerDisturbance", signal, signal)
+            self._add_if(
+                self._over_time(signal.lower(), f"Disturbance estimate, {title}", group, f"estimate [{unit}]", curves)
+            )
+
+    def _flocking(self) -> None:
+        group = "Optimised flocking parameters"
+        for message, solid, dashed, title in (
+            ("PlannerPotential", "Ga", "Gb", "Potential: G_a (solid), G_b (dashed)"),
+            ("PlannerGains", "P11", "P22", "Gains p11 (solid), p22 (dashed)"),
+            ("PlannerGains", "P12", "P21", "Gains p12 (solid), p21 (dashed)"),
+        ):
+            curves = self._each(message, solid, f"flock.{solid}", step=True)
+            curves += self._each(message, dashed, f"flock.{dashed}", dash=True, step=True)
+            self._add_if(self._over_time(f"flock{solid}", title, group, "value", curves, y_range=[0.0, 1.0]))
+
+    def _solvers(self) -> None:
+        group = "Solver and computing time"
+        timings = (
+            ("TrackerTiming", "SolveTime", "Tracker: time of the SDP"),
+            ("TrackerTiming", "StepTime", "Tracker: time of the whole step"),
+            ("PlannerTiming", "StepTime", "Planner: time of the whole step"),
+        )
+        for message, signal, title in timings:
+            curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
+            if curves:
+                self._add(self._timing(f"{message}{signal}".lower(), title, group, curves))
+        self._histogram(group)
+        iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
+        self._add_if(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
+        tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
+        self._add_if(self._over_time("tau", "Bound τ of the cost", group, "τ", tau))
+
+    def _timing(self, figure_id: str, title: str, group: str, curves: list[Curve]) -> Figure:
+        """Times in ms; a few that are far above all others do not flatten the rest."""
+        times = [value for curve in curves for value in self.pool[curve.y] if value is not None] or [0.0]
+        highest, usual = max(times), 1.6 * float(np.percentile(times, 99))
+        if highest <= 2.0 * usual:
+            return self._over_time(figure_id, title, group, "time [ms]", curves, y_range=[0.0, 1.0])
+        caption = f"Longest, beyond the figure: {highest:.1f} ms."
+        return replace(self._over_time(figure_id, title, group, "time [ms]", curves, caption=caption), y_top=usual)
+
+    def _histogram(self, group: str) -> None:
+        """How the times of the tracker's solves are distributed, all vehicles together."""
+        found = [self._signal(v, "TrackerTiming", "SolveTime") for v in self._vehicles]
+        times = np.concatenate([values for values in found if values is not None] or [np.empty(0)]) * 1e-3
+        times = times[np.isfinite(times) & (times > 0)]
+        if not len(times):
+            return
+        # Rare long solves would squeeze all others into one bar; they are counted in the last one.
+        top = float(np.percentile(times, 99.5))
+        counts, edges = np.histogram(np.minimum(times, top), bins=60)
+        self._put_as_is("hist.x", edges)
+        self._put_as_is("hist.y", np.append(counts, counts[-1]).astype(np.float64))
+        self._add(
+            Figure(
+                "histogram",
+                "Distribution of the SDP's time",
+                group,
+                "time [ms]",
+                "solves",
+                [Curve("all vehicles", "hist.x", "hist.y", colour(1), at="", step=True, fill=True)],
+                caption=f"Longer than {top:.1f} ms: counted in the last bar.",
+                time=False,
+                y_range=[0.0, 1.0],
+            )
+        )
+
+    def _with_reference(self, truth_name: str, signal: str) -> list[Curve]:
+        curves = [self._curve(v, "t", f"{v}.{truth_name}") for v in self._vehicles]
+        return curves + self._each("TrackerReferenceState", signal, f"ref.{signal}", dash=True)
+
+    def _each(
+        self,
+        message: str,
+        signal: str,
+        key: str,
+        *,
+        dash: bool = False,
+        step: bool = False,
+        points: bool = False,
+        factor: float = 1.0,
+        peak: bool = False,
+    ) -> list[Curve]:
+        """Return the curve of a signal for each vehicle that has it."""
+        have = [
+            v for v in self._vehicles if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak)
+        ]
+        return [self._curve(v, "t", f"{v}.{key}", dash=dash, step=step, points=points) for v in have]
+
+    def _curve(self, v: int, x: str, y: str, *, dash: bool = False, step: bool = False, points: bool = False) -> Curve:
+        return Curve(f"vehicle {v}", x, y, colour(v), dash, step=step, points=points)
+
+    def _over_time(
+        self,
+        figure_id: str,
+        title: str,
+        group: str,
+        y_label: str,
+        curves: list[Curve],
+        lines: Sequence[Line] = (),
+        *,
+        caption: str = "",
+        y_range: Sequence[float] = (),
+    ) -> Figure:
+        return Figure(figure_id, title, group, "time [s]", y_label, curves, caption, list(lines), y_range=list(y_range))
+
+    def _add(self, figure: Figure) -> None:
+        self.figures.append(figure)
+
+    def _add_if(self, figure: Figure) -> None:
+        if figure.curves:
+            self._add(figure)
+
+    def _signal(self, v: int, message: str, signal: str) -> Array | None:
+        """Return a signal at the truth's times, NaN where it is missing; None where it was not recorded."""
+        bus = f"veh{v}"
+        if not self._run.has(bus, message):
+            return None
+        columns = self._run.message(bus, message)
+        rows, at = rows_at(columns, self._truth.t)
+        values = np.full(len(self._truth.t), np.nan)
+        values[at] = columns[signal][rows]
+        return values
+
+    def _put_signal(
+        self, key: str, v: int, message: str, signal: str, *, factor: float = 1.0, peak: bool = False
+    ) -> bool:
+        values = self._signal(v, message, signal)
+        if values is None:
+            return False
+        self._put(key, values * factor, peak=peak)
+        return True
+
+    def _put(self, key: str, values: Array, *, peak: bool = False) -> None:
+        """Put values over the run's time into the pool, thinned; of each group the first, or the largest if `peak`."""
+        self._put_as_is(key, _peaks(values, self._stride) if peak else values[:: self._stride])
+
+    def _put_as_is(self, key: str, values: npt.NDArray[Any]) -> None:
+        self.pool[key] = list(_short(values))
+
+
+_DASHED = "Dashed: the reference of the same cycle."
+
+
+def _peaks(values: Array, stride: int) -> Array:
+    if stride == 1:
+        return values
+    padded = np.append(values, np.full(-len(values) % stride, -np.inf)).reshape(-1, stride)
+    peaks: Array = np.fmax.reduce(padded, axis=1)
+    return peaks
+
+
+def _short(values: Iterable[float]) -> Iterable[float | None]:
+    """Give numbers with six digits, as many as a screen can show; None for what is not finite."""
+    for value in values:
+        yield float(f"{value:.6g}") if np.isfinite(value) else None

@@ -1,0 +1,76 @@
+"""The report of a run: one HTML file that holds everything and loads nothing."""
+
+from __future__ import annotations
+
+import html
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import requirements
+from bench.analysis.figures import Figures
+from bench.analysis.metrics import compute
+from bench.analysis.picture import snapshots
+from bench.errors import BadInput
+from bench.record import Run
+
+_MAX_EVENTS = 500
+
+
+def write(run: Run, out: Path) -> None:
+    """Write the report of `run` to `out`, over what is there.
+
+    Raises:
+        BadInput: the log has no truth or no scenario, or the file cannot be written.
+    """
+    page = render(run)
+    try:
+        out.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"cannot write the report {out}: {error.strerror or error}") from error
+
+
+def render(run: Run) -> str:
+    """Return the report as HTML.
+
+    Raises:
+        BadInput: the log has no truth or no scenario.
+    """
+    data = _data(run)
+    parts = {
+        "TITLE": html.escape(f"platoon: {data['scenario']}"),
+        "STYLE": _asset("page.css"),
+        "SCRIPT": _asset("page.js"),
+        "PICTURE": snapshots(run),
+        # `</` must not end the script element that holds the data.
+        "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+    }
+    page = _asset("page.html")
+    for name, text in parts.items():
+        page = page.replace(f"<!--{name}-->", text, 1)
+    return page
+
+
+def _data(run: Run) -> dict[str, Any]:
+    metrics, scenario = compute(run), run.scenario
+    rows = requirements.table(metrics, scenario)
+    return {
+        "scenario": scenario.name,
+        "description": scenario.description,
+        "formed": metrics.formed,
+        "formation_time": metrics.formation_time_s,
+        "complete": metrics.complete,
+        "status": run.result.get("status", "cut off"),
+        "damage": run.damage,
+        "metrics": [[row.name, row.value, row.requirement, row.met, row.of_machine] for row in rows],
+        "facts": [[name, value] for name, value in run.metadata.items() if value],
+        "toml": run.scenario_text,
+        "events": [[event.time_s, event.level, event.source, event.text] for event in run.events[:_MAX_EVENTS]],
+        "more_events": max(0, len(run.events) - _MAX_EVENTS),
+        **Figures(run).as_dict(),
+    }
+
+
+def _asset(name: str) -> str:
+    return resources.files("bench.analysis").joinpath("page", name).read_text(encoding="utf-8")

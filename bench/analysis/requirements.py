@@ -1,0 +1,112 @@
+"""What a run is asked to reach, next to what it reached, as a table for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.analysis.metrics import Metrics
+from bench.scenario import Scenario
+
+LEAST_DISTANCE_M = 4.0
+FINAL_GAP_M = 0.2
+FINAL_SPEED_MPS = 0.1
+FINAL_LATERAL_M = 0.15
+FINAL_YAW_RAD = 0.01
+FORMATION_TIME_S = 6.5
+TIMED = ("formation", "formation-soft", "formation-stiff")
+"""The shipped scenarios that are asked to form by `FORMATION_TIME_S`; others by the end of the run."""
+TRACKER_MS = (5.0, 10.0)
+PLANNER_MS = 3.0
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure.
+
+    Attributes:
+        name: what it is.
+        value: as text.
+        requirement: what is asked of it, empty for nothing.
+        met: whether it is; None where nothing is asked.
+        of_machine: whether it tells more of the machine of the run than of the run.
+    """
+
+    name: str
+    value: str
+    requirement: str = ""
+    met: bool | None = None
+    of_machine: bool = False
+
+
+def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
+    """Return the figures of a run with what is asked of them; times of solvers hold for the machine of the run."""
+    goal = scenario.platoon
+    formed = metrics.formation_time_s
+    limit = FORMATION_TIME_S if scenario.name in TIMED else None
+    rows = [
+        Row(
+            "Formation time",
+            "not formed" if formed is None else f"{formed:.2f} s",
+            f"at most {limit:g} s" if limit else "by the end",
+            formed is not None and (limit is None or formed <= limit),
+        ),
+        _least_distance(metrics),
+        _near("Final gaps", metrics.final_gaps_m, goal.gap_m, FINAL_GAP_M, "m", 3),
+        _near("Final speeds", metrics.final_speeds_mps, goal.speed_mps, FINAL_SPEED_MPS, "m/s", 3),
+        _below("Final lateral errors", metrics.final_lateral_errors_m, FINAL_LATERAL_M, "m", 3),
+        _below("Final yaw angles", metrics.final_yaws_rad, FINAL_YAW_RAD, "rad", 4),
+        Row(
+            "Least margin to the yaw rate's boundary",
+            f"{metrics.boundary_margin_min:.3f}",
+            "above 0",
+            metrics.boundary_margin_min > 0,
+        ),
+        Row("Speed error, RMS", _list(metrics.speed_rmse_mps, 4, "m/s")),
+        Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
+        Row("Solver, median / p99", _percentiles(metrics.solver_ms)),
+        _times("Tracker step, median / p99", metrics.tracker_ms, *TRACKER_MS),
+        _times("Planner step, median / p99", metrics.planner_ms, PLANNER_MS, None),
+        Row("Steps with a fallback gain", str(metrics.fallback_steps)),
+        Row("Frames lost", str(metrics.frames_lost), "0", metrics.frames_lost == 0),
+        Row("E2E errors", str(metrics.e2e_errors), "0", metrics.e2e_errors == 0),
+    ]
+    if metrics.real_time_factor is not None:
+        rows.append(Row("Real-time factor", f"{metrics.real_time_factor:.2f}"))
+    return [row for row in rows if row.value]
+
+
+def _least_distance(metrics: Metrics) -> Row:
+    least = metrics.least_distance_m
+    if least is None:
+        return Row("Least distance", "")
+    return Row("Least distance", f"{least:.2f} m", f"above {LEAST_DISTANCE_M:g} m", least > LEAST_DISTANCE_M)
+
+
+def _near(name: str, values: Sequence[float], goal: float, band: float, unit: str, digits: int) -> Row:
+    met = all(abs(value - goal) <= band for value in values)
+    return Row(name, _list(values, digits, unit), f"{goal:g}\u00a0±\u00a0{band:g}\u00a0{unit}", met)
+
+
+def _below(name: str, values: Sequence[float], limit: float, unit: str, digits: int) -> Row:
+    return Row(
+        name, _list(values, digits, unit), f"within ±\u00a0{limit:g}\u00a0{unit}", all(abs(v) < limit for v in values)
+    )
+
+
+def _times(name: str, values: dict[str, float], median: float, p99: float | None) -> Row:
+    if not values:
+        return Row(name, "")
+    met = values["p50"] <= median and (p99 is None or values["p99"] <= p99)
+    asked = f"at most {median:g}" + (f" / {p99:g} ms" if p99 is not None else " ms median")
+    return Row(name, _percentiles(values), asked, met, of_machine=True)
+
+
+def _percentiles(values: dict[str, float]) -> str:
+    return f"{values['p50']:.2f} / {values['p99']:.2f} ms" if values else ""
+
+
+def _list(values: Sequence[float | None], digits: int, unit: str) -> str:
+    # A value that rounds to zero is shown without a sign.
+    texts = ["–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}" for value in values]
+    return f"{', '.join(texts)}\u00a0{unit}" if texts else ""
