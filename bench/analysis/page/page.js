@@ -11,6 +11,10 @@
   const shared = { time: null, range: null };
   const plots = [];
 
+  // Widths of figures on an A4 page; on paper their text keeps its size.
+  const PAPER = { wide: 690, narrow: 330 };
+  let printing = false;
+
   // ---- small helpers
 
   function element(parent, tag, attributes = {}, text = null) {
@@ -153,7 +157,8 @@
     }
 
     draw() {
-      const width = Math.max(280, this.card.clientWidth - 28);
+      const onPaper = this.figure.wide ? PAPER.wide : PAPER.narrow;
+      const width = printing ? onPaper : Math.max(280, this.card.clientWidth - 28);
       const height = Math.round(this.figure.wide ? Math.max(230, Math.min(330, width * 0.27)) : Math.min(300, width * 0.6));
       this.size = { width, height };
       this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
@@ -195,8 +200,8 @@
     drawAxes(x, y) {
       const { inner } = this;
       const bottom = MARGIN.top + inner.h;
-      const across = ticks(x[0], x[1], inner.w / 52);
-      const up = ticks(y[0], y[1], inner.h / 38);
+      const across = ticks(x[0], x[1], inner.w / 46);
+      const up = ticks(y[0], y[1], inner.h / 30);
       const lined = !this.figure.lanes.length;
       for (const value of across.found) {
         const at = round(this.toX(value));
@@ -455,5 +460,11 @@
     width = innerWidth;
     for (const plot of plots) plot.draw();
   });
+  for (const [name, paper] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(name, () => {
+      printing = paper;
+      for (const plot of plots) plot.draw();
+    });
+  }
   document.documentElement.dataset.drawn = String(plots.length);
 })();
