@@ -30,6 +30,8 @@ class PlannerSettings:
 
     Attributes:
         planning_interval_s: how often the gains are optimised; a multiple of the cycle.
+        gain_share: how far the gains in use go towards the optimised ones at each interval: in one go (1), the
+            references would have a step at each.
         near_identity_length_m: l of the near-identity diffeomorphism.
         adhesion: the tyre-road adhesion mu_a that the planner reckons with.
         boundary_share: part of the stability boundaries that a reference may use; the rest is for tracking errors.
@@ -44,6 +46,7 @@ class PlannerSettings:
     """
 
     planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
+    gain_share: Annotated[float, Gt(0), Le(1)] = 0.2
     near_identity_length_m: float = 0.9
     adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
     boundary_share: Annotated[float, Gt(0), Le(1)] = 0.7
@@ -187,7 +190,8 @@ class Planner:
         self._field = np.array([settings.sigma_eps, goal.gap, settings.reach_factor * goal.gap, settings.bump_flat])
         self._lower, self._upper = settings.genetic.bounds()
         self._weights = settings.genetic.weights()
-        self._gains: Vector = 0.5 * (self._lower + self._upper)
+        self._best: Vector = 0.5 * (self._lower + self._upper)
+        self._gains = self._best
         self._cost = 0.0
         self._reference: tuple[float, float] | None = None
         self._slot: int | None = None
@@ -267,8 +271,8 @@ class Planner:
     ) -> None:
         g = self.settings.genetic
         seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1)[0])
-        self._gains, self._cost = search(
-            self._gains,
+        self._best, self._cost = search(
+            self._best,
             self._lower,
             self._upper,
             g.population,
@@ -287,6 +291,7 @@ class Planner:
             g.horizon_steps,
             g.horizon_step_s,
         )
+        self._gains = self._gains + self.settings.gain_share * (self._best - self._gains)
 
     def _output(
         self, v: float, gamma: float, limit: Limit, target: Vector, neighbours: int, optimise_s: float
