@@ -1,6 +1,7 @@
 """What every link to a bus is: one end of one bus of classical CAN frames."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Collection
 from types import TracebackType
 
 from bench.errors import RunFailed
@@ -48,6 +49,9 @@ class Link(ABC):
         Raises:
             LinkError: the bus has gone down.
         """
+
+    def select(self, can_ids: Collection[int]) -> None:  # noqa: B027 - links that cannot, need not
+        """Receive only these identifiers from now on, where that saves work: others may come all the same."""
 
     @abstractmethod
     def fileno(self) -> int:

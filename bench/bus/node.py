@@ -1,5 +1,6 @@
 """What takes part on the buses: a node, and the loop that lets nodes of one process wait for frames."""
 
+import gc
 import selectors
 from collections.abc import Sequence
 from typing import Protocol
@@ -42,6 +43,9 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
                 selector.register(link.fileno(), selectors.EVENT_READ, node)
         if lifeline is not None:
             selector.register(lifeline, selectors.EVENT_READ, None)
+        # What there is now stays; no garbage collection need look at it in every cycle.
+        gc.collect()
+        gc.freeze()
         heard = False
         while not all(node.stopped for node in nodes):
             events = selector.select(silence_s if heard else None)

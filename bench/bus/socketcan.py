@@ -3,7 +3,7 @@
 import errno
 import socket
 import struct
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from can.interfaces.socketcan import SocketcanBus
@@ -17,6 +17,9 @@ BIT_RATE = 500_000
 
 _FRAME = struct.Struct("=IB3x8s")
 """struct can_frame of linux/can.h: identifier and flags, length, data."""
+
+_FILTER = struct.Struct("=II")
+"""struct can_filter of linux/can.h: identifier and flags, and which of their bits must be the same."""
 
 _REMOTE_OR_ERROR = 0x6000_0000
 
@@ -41,6 +44,12 @@ class SocketcanLink(SocketLink):
             mend = f"try: sudo ip link set {self._channel} txqueuelen 1000"
             reason = f"{error.strerror}; {mend}" if error.errno == errno.ENOBUFS else error.strerror
             raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {reason}") from error
+
+    def select(self, can_ids: Collection[int]) -> None:
+        """See `Link`; the kernel itself leaves the others aside."""
+        exactly = 0xFFFF_FFFF
+        filters = b"".join(_FILTER.pack(can_id, exactly) for can_id in can_ids)
+        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
 
     def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
         can_id, length, data = _FRAME.unpack(datagram)

@@ -40,7 +40,10 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """One message to be sent: which bus, which message, its signals' physical values in the DBC's units."""
+    """One message to be sent: which bus, which message, its signals' physical values in the DBC's units.
+
+    A signal that `values` leaves out is sent with its start value.
+    """
 
     bus: str
     message: str

@@ -5,7 +5,7 @@ Any python-can tool of this host takes part: `can_logger -i udp_multicast -c 239
 
 import errno
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from socket import AF_INET, SO_REUSEADDR, SO_REUSEPORT, SOCK_DGRAM, SOCK_STREAM, SOL_SOCKET, socket
 from typing import Any
@@ -25,6 +25,23 @@ FIRST_PORT = 43113
 _LAST_PORT = 60999
 
 
+# Every frame of python-can begins alike up to its identifier, so one that is not selected is told by comparing bytes.
+_HEAD = slice(20, 38)
+_ID_KEY = b"\xaearbitration_id"
+_NEXT_KEY = b"\xaeis_extended_id"
+
+
+def _head(can_id: int) -> bytes:
+    """The bytes `_HEAD` of a frame: msgpack's key and value of the identifier, and what follows a short value."""
+    if can_id < 0x80:
+        value = can_id.to_bytes(1, "big")
+    elif can_id < 0x100:
+        value = b"\xcc" + can_id.to_bytes(1, "big")
+    else:
+        value = b"\xcd" + (can_id & 0xFFFF).to_bytes(2, "big")
+    return (_ID_KEY + value + _NEXT_KEY)[: _HEAD.stop - _HEAD.start]
+
+
 class UdpLink(SocketLink):
     """A msgpack map per frame, to all sockets of group and port on this host."""
 
@@ -39,6 +56,7 @@ class UdpLink(SocketLink):
         # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
         self._mark = f"{name}/{os.urandom(8).hex()}"
         self._mark_bytes = self._mark.encode()
+        self._selected: frozenset[bytes] | None = None
 
     def send(self, can_id: int, data: bytes) -> None:
         """See `Link`."""
@@ -52,11 +70,20 @@ class UdpLink(SocketLink):
         try:
             self._bus.send(message)
         except can.CanError as error:
-            raise LinkError(
-                f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error.__cause__}"
-            ) from error
+            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error.__cause__}") from error
+
+    def select(self, can_ids: Collection[int]) -> None:
+        """See `Link`.
+
+        Not in the kernel, which counts a datagram that a socket filter refuses as a lost one.
+        """
+        self._selected = frozenset(_head(can_id) for can_id in can_ids)
 
     def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+        if self._selected is not None:
+            head = datagram[_HEAD]
+            if head not in self._selected and head.startswith(_ID_KEY):
+                return None
         if self._mark_bytes in datagram:
             return None
         try:

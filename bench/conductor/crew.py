@@ -47,13 +47,11 @@ class Listener(Protocol):
 
 
 class Crew(Protocol):
-    """Plant and ECUs of a run.
+    """Plant and ECUs of a run."""
 
-    Attributes:
-        inputs: what each process takes, by its name.
-    """
-
-    inputs: Mapping[str, Sequence[Topic]]
+    @property
+    def inputs(self) -> Mapping[str, Sequence[Topic]]:
+        """What each process takes, by its name."""
 
     def wait_ready(self, timeout_s: float) -> None:
         """Wait until all listen on their buses.
@@ -129,7 +127,7 @@ class ProcessCrew:
             listener: takes what comes.
             interrupts: ends the waiting.
         """
-        self.inputs: dict[str, Sequence[Topic]] = {}
+        self._inputs: dict[str, Sequence[Topic]] = {}
         self._links = links
         self._listening: list[Link] = []
         self._listener = listener
@@ -159,6 +157,11 @@ class ProcessCrew:
     ) -> None:
         """Kill what is left of the crew."""
         self.close()
+
+    @property
+    def inputs(self) -> Mapping[str, Sequence[Topic]]:
+        """See `Crew`."""
+        return self._inputs
 
     def wait_ready(self, timeout_s: float) -> None:
         """See `Crew`."""
@@ -281,7 +284,7 @@ class ProcessCrew:
             process.pid = content["pid"]
         elif kind is Kind.READY:
             process.ready = True
-            self.inputs[content["name"]] = [Topic(bus, message) for bus, message in content["inputs"]]
+            self._inputs[content["name"]] = [Topic(bus, message) for bus, message in content["inputs"]]
         elif kind is Kind.ENDED:
             process.code = content["code"]
 

@@ -30,11 +30,16 @@ class DirectCrew:
             listener: takes what comes.
             interrupts: ends the waiting.
         """
-        self.inputs = inputs
+        self._inputs = inputs
         self._nodes = nodes
         self._links = links
         self._listener = listener
         self._interrupts = interrupts
+
+    @property
+    def inputs(self) -> Mapping[str, Sequence[Topic]]:
+        """See `Crew`."""
+        return self._inputs
 
     def wait_ready(self, timeout_s: float) -> None:  # noqa: ARG002 - nodes in this process are ready at once
         """See `Crew`."""

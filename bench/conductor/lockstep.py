@@ -60,6 +60,7 @@ class Lockstep:
             Interrupted: a signal has come.
         """
         started = time.perf_counter()
+        self._frames.begin(0)
         sync = self._sync(RUN, 0)
         while True:
             self._await_complete(crew)
@@ -70,6 +71,7 @@ class Lockstep:
             self._truth, self._words = [], []
             last = self.cycles == cycles
             done, self.cycle = self.cycle, self.cycle + 1
+            self._frames.begin(self.cycle)
             # First of all, so that the nodes have work while this cycle is recorded.
             sync = self._sync(STOP if last else RUN, self.cycle)
             recorder.cycle(done, frames, truth, strays, words)
@@ -102,7 +104,6 @@ class Lockstep:
 
     def _sync(self, command: int, cycle: int) -> list[tuple[str, int, bytes]]:
         """Send BenchSync on all buses; return the frames, for the log."""
-        self._frames.begin(cycle)
         values = {"Command": command, "Cycle": cycle, "Time": cycle * CYCLE_MS / 1000}
         sent = []
         for bus, link in self._links.items():

@@ -71,7 +71,10 @@ def main() -> None:
     if os.getppid() != brood.conductor:
         return
     set_name("nursery")
-    _Nursery(brood, Ties(lifeline, brood.reports)).run()
+    try:
+        _Nursery(brood, Ties(lifeline, brood.reports)).run()
+    except BenchError as error:
+        sys.exit(str(error))
 
 
 class _Nursery:

@@ -1,5 +1,6 @@
 """A run from start to end: buses, processes, log."""
 
+import gc
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
@@ -108,6 +109,8 @@ def run(
         try:
             crew.wait_ready(READY_S)
             startup_s = time.perf_counter() - called
+            # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
+            gc.freeze()
             lockstep.run(crew, recorder, scenario.cycles, on_progress)
             problems = crew.stop(GRACE_S)
             ending = _Ending("failed", "\n".join(problems)) if problems else _Ending("completed")
@@ -116,6 +119,7 @@ def run(
         except RunFailed as error:
             ending = _Ending("failed", str(error))
         finally:
+            gc.unfreeze()
             if ending.status != "completed":
                 lockstep.stop()
                 crew.stop(GRACE_S / 2)
@@ -135,8 +139,8 @@ def run(
             )
     if ending.status == "completed":
         return RunResult(out, lockstep.wall_s, startup_s, lockstep.cycles, lost)
-    error = Interrupted if ending.status == "interrupted" else RunFailed
-    raise error(f"The run has {ending.status}: {ending.reason}\nThe log up to there is {out}")
+    kind = Interrupted if ending.status == "interrupted" else RunFailed
+    raise kind(f"The run has {ending.status}: {ending.reason}\nThe log up to there is {out}")
 
 
 def _built_fmu() -> Path:

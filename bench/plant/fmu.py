@@ -9,7 +9,7 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from ctypes import c_double, c_uint
 from pathlib import Path
 from typing import Any
@@ -106,13 +106,13 @@ class FmuInstance:
         """Return the inputs as last set, in the description's order."""
         return list(self._inputs.values)
 
-    def step(self, time_s: float, length_s: float, inputs: Sequence[float]) -> None:
+    def step(self, time_s: float, length_s: float, inputs: list[float]) -> None:
         """Set all inputs, in the description's order, and go `length_s` s on from `time_s`.
 
         Raises:
             RunFailed: the FMU does not accept the inputs or cannot do the step.
         """
-        self._inputs.values[:] = inputs
+        self._inputs.values[:] = [*inputs]
         self._pass(self._slave.fmi2SetReal, self._inputs)
         self._call(self._slave.doStep, time_s, length_s)
 

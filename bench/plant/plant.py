@@ -77,15 +77,15 @@ class VehicleNode:
         """
         arrived = self._inbox.drain()
         while not self.stopped:
-            if self._inbox.opened > self._published:
-                self._published = self._inbox.opened
-                self._publish(self._published)
+            if self._published < self._inbox.cycle <= self._inbox.opened:
+                self._publish(self._inbox.cycle)
             if not self._inbox.complete:
                 break
             self._step()
         return arrived
 
     def _publish(self, cycle: int) -> None:
+        self._published = cycle
         row = self._fmu.outputs()
         self._truth(self._vehicle, cycle, row + self._fmu.inputs())
         for name, values in self._messages(dict(zip(self._outputs, row, strict=True))).items():

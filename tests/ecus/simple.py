@@ -41,7 +41,7 @@ class CruisePlanner:
                 "PlannerStatus",
                 {
                     "State": 1,
-                    "Slot": self._vehicle,
+                    "Slot": cycle % 17,
                     "Neighbours": neighbours,
                     "Limit": 0,
                     "BoundaryMargin": 1.0,

@@ -1,0 +1,33 @@
+"""Runs a scenario as `platoon run` does, in a process that the tests may kill: its argument is JSON."""
+
+import json
+import sys
+from pathlib import Path
+
+from bench.bus.address import Address
+from bench.conductor.run import run
+from bench.errors import BenchError
+from bench.scenario import load
+
+
+def main() -> int:
+    given = json.loads(sys.argv[1])
+    try:
+        result = run(
+            load("formation", given["set"]),
+            address=Address.parse(given["can"]),
+            out=Path(given["out"]),
+            command_line=sys.argv,
+            on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
+            ecus=given["ecus"],
+            silence_s=given["silence_s"],
+        )
+    except BenchError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    sys.stdout.write(f"cycles {result.cycles}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
