@@ -19,8 +19,8 @@ import tomli_w
 from pydantic import BaseModel, Field, ValidationError, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
-from bench.control.near_identity import check_length
 from bench.bus.topic import CYCLE_MS
+from bench.control.near_identity import check_length
 from bench.control.planner import PlannerSettings, planning_cycles
 from bench.control.tracker import TrackerSettings
 from bench.errors import BadInput
