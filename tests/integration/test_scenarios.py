@@ -1,0 +1,73 @@
+"""Every shipped scenario in closed loop: the paper's controllers, the real FMU, real frames, a real log."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.metrics import compute
+from bench.bus.address import Address
+from bench.conductor.run import run
+from bench.record.compare import diff
+from bench.record.reader import Run
+from bench.scenario import load, shipped
+
+
+def recorded(folder: Path, name: str, *overrides: str, can: str = "direct") -> Run:
+    """The log of a run of a scenario."""
+    out = folder / f"{name}-{can}-{len(list(folder.iterdir()))}.mcap"
+    run(load(name, overrides), address=Address.parse(can), out=out, command_line=[name, *overrides])
+    return Run(out)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_forms_a_platoon_inside_the_boundaries(name: str, tmp_path: Path) -> None:
+    figures = compute(recorded(tmp_path, name))
+
+    assert figures.least_distance_m is not None
+    assert figures.least_distance_m > 4.0
+    assert figures.final_gaps_m == pytest.approx([10.0] * (figures.vehicles - 1), abs=0.2)
+    assert figures.final_speeds_mps == pytest.approx([20.0] * figures.vehicles, abs=0.1)
+    assert np.abs(figures.final_lateral_errors_m).max() < 0.15
+    assert np.abs(figures.final_yaws_rad).max() < 0.01
+    assert figures.boundary_margin_min > 0.0
+    assert figures.fallback_steps == 0
+    assert figures.frames_lost == figures.e2e_errors == 0
+    assert figures.formation_time_s is not None
+    # The paper shows 6 s.
+    assert figures.formation_time_s <= 6.0
+    assert max(value for value in figures.speed_rmse_mps if value is not None) <= 0.05
+    assert max(value for value in figures.yaw_rate_rmse_radps if value is not None) <= 0.014
+
+
+def offsets(log: Run) -> tuple[float, float]:
+    """Mean tracking errors (m/s, rad/s) of vehicle 1 over the last 2 s."""
+    truth = log.truth(1)
+    last = truth["t"] >= truth["t"][-1] - 2.0
+    errors = []
+    for signal, actual in (("VelocityX", "v_x"), ("YawRate", "gamma")):
+        t, reference = log.signal("veh1", "TrackerReferenceState", signal)
+        errors.append(abs(float(np.mean((truth[actual] - np.interp(truth["t"], t, reference))[last]))))
+    return errors[0], errors[1]
+
+
+@pytest.mark.parametrize("stiffness", [-1.0, 0.0, 1.0])
+def test_a_side_wind_leaves_no_offset(stiffness: float, tmp_path: Path) -> None:
+    alone = "vehicles=[{x_m=0.0,y_m=7.0,speed_mps=20.0}]"
+    axles = [f"road.lambda_f={stiffness}", f"road.lambda_r={stiffness}"]
+    log = recorded(tmp_path, "crosswind", alone, *axles)
+    without = recorded(tmp_path, "crosswind", alone, *axles, "tracker.offset_free=false")
+
+    for with_estimate, without_estimate in zip(offsets(log), offsets(without), strict=True):
+        assert with_estimate < 0.05 * without_estimate
+    assert abs(log.truth(1)["Y"][-1] - 7.0) < 0.05
+
+
+def test_the_seed_decides_the_frames(tmp_path: Path) -> None:
+    short = ("duration_s=1.0",)
+    first = recorded(tmp_path, "formation", *short).path
+    again = recorded(tmp_path, "formation", *short).path
+    other = recorded(tmp_path, "formation", *short, "seed=2").path
+
+    assert diff(first, again).same
+    assert not diff(first, other).same
