@@ -191,6 +191,8 @@ class Planner:
         self._lower, self._upper = settings.genetic.bounds()
         self._weights = settings.genetic.weights()
         self._best: Vector = 0.5 * (self._lower + self._upper)
+        # The flocking law holds for Gb >= Ga only, which the middle of the bounds need not have.
+        self._best[1] = max(self._best[0], self._best[1])
         self._gains = self._best
         self._cost = 0.0
         self._reference: tuple[float, float] | None = None
