@@ -201,6 +201,34 @@ def test_gains_are_searched_at_every_planning_interval_and_held_between() -> Non
     assert formed.outputs[-1][1].cost > 0
 
 
+def test_gains_in_use_go_a_share_of_the_way_to_the_optimised_ones() -> None:
+    lower, upper = GeneticSettings().bounds()
+    middle = 0.5 * (lower + upper)
+    peers = {n: STARTS[n] for n in (2, 3)}
+
+    def first_gains(share: float) -> np.ndarray:
+        each = planner(1, chosen=PlannerSettings(gain_share=share))
+        each.assign_slots(STARTS, 0.0)
+        return each.step(0, 0.0, STARTS[1], 20.0, peers).gains
+
+    optimised = first_gains(1.0)
+    assert np.abs(optimised - middle).max() > 0.01
+    np.testing.assert_allclose(first_gains(0.25), middle + 0.25 * (optimised - middle), rtol=1e-12)
+
+
+def test_gains_in_use_are_always_ones_of_the_flocking_law() -> None:
+    """0 < Ga <= Gb from the first cycle on, also where the middle of the bounds has it the other way round."""
+    search = GeneticSettings(population=4, generations=1, horizon_steps=5, ga=(1.0, 5.0), gb=(0.5, 5.0))
+    each = planner(1, chosen=PlannerSettings(genetic=search))
+    each.assign_slots(STARTS, 0.0)
+    lower, upper = search.bounds()
+    for cycle in range(1, 30):
+        gains = each.step(cycle, cycle * T, STARTS[1], 20.0, {n: STARTS[n] for n in (2, 3)}).gains
+        assert gains[1] >= gains[0]
+        assert (gains >= lower).all()
+        assert (gains <= upper).all()
+
+
 def test_same_seed_gives_the_same_run_and_another_seed_another() -> None:
     def trace(seed: int) -> list[tuple[float, float]]:
         formed = Formation(STARTS, seed=seed)
