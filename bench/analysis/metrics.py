@@ -184,7 +184,7 @@ def _last_sum(run: Run, signal: str) -> int:
     for bus in run.buses:
         for message in run.messages(bus):
             if message.endswith("BusHealth"):
-                total += int(run.message(bus, message)[signal][-1])
+                total += int(run.message(bus, message)[signal][-1:].sum())
     return total
 
 

@@ -88,7 +88,7 @@ def _order(run: Run, start: Array) -> tuple[int, ...]:
     for vehicle in range(1, run.vehicles + 1):
         if not run.has(f"veh{vehicle}", "PlannerStatus"):
             break
-        slots.append(int(run.message(f"veh{vehicle}", "PlannerStatus")["Slot"][-1]))
+        slots += run.message(f"veh{vehicle}", "PlannerStatus")["Slot"][-1:].tolist()
     if len(set(slots)) == run.vehicles:
         return tuple(int(index) for index in np.argsort(slots))
     return tuple(int(index) for index in np.argsort(-start, kind="stable"))

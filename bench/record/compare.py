@@ -156,8 +156,7 @@ def _describe(run: Run, bus: str, row: Any) -> str:
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
     text = f"{int(row['time']) / 1e9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
     for message in run.messages(bus):
-        channel = run.topics[f"/signals/{bus}/{message}"]
-        if int(channel.metadata.get("can_id", "0"), 16) == can_id:
+        if run.can_id(bus, message) == can_id:
             columns = run.message(bus, message)
             at = int(np.searchsorted(columns["t"], int(row["time"]) / 1e9 - 1e-9))
             if at < len(columns["t"]):
@@ -167,7 +166,7 @@ def _describe(run: Run, bus: str, row: Any) -> str:
 
 
 def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[list[SignalDifference], list[str]]:
-    if runs[0].topics[f"/signals/{bus}/{message}"].metadata.get("wall_clock") == "yes":
+    if runs[0].is_wall_clock(bus, message):
         return [], []
     tables = runs[0].message(bus, message), runs[1].message(bus, message)
     rows = _same_times(*tables)

@@ -32,7 +32,6 @@ MAX_CHUNK = 64 * 1024 * 1024
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")
 _INDEX = struct.Struct("<HI")
-_CHANNEL = struct.Struct("<H")
 _DECOMPRESSOR = zstandard.ZstdDecompressor()
 
 
@@ -119,18 +118,12 @@ class ScannedFile:
     def messages(self, number: int, data: npt.NDArray[np.uint8]) -> dict[int, npt.NDArray[np.int64]]:
         """Return where the messages of each channel start in chunk `number`, whose records are `data`.
 
-        From the message indexes where every entry is true, else from a walk through the records.
+        From the message indexes where they name every record there is, else from a walk through the records.
         """
-        found: dict[int, npt.NDArray[np.int64]] = {}
-        total = 0
-        for channel, (at, length) in self.contents.chunks[number].indexes.items():
-            entries = np.frombuffer(self._data[at : at + length], INDEX_ENTRY)
-            offsets = entries["offset"].astype(np.int64)
-            if not _are_messages(data, offsets, channel):
-                return _walk_messages(data)
-            found[channel] = offsets
-            total += len(offsets)
-        return found if found else _walk_messages(data)
+        places = self.contents.chunks[number].indexes.values()
+        entries = np.frombuffer(b"".join(self._data[at : at + length] for at, length in places), INDEX_ENTRY)
+        offsets = np.sort(entries["offset"].astype(np.int64))
+        return _by_channel(data, offsets if _are_all_messages(data, offsets) else _walk_messages(data))
 
     def _walk(self) -> None:
         data, size = self._data, len(self._data)
@@ -207,16 +200,22 @@ def _unpacked(packed: bytes, place: ChunkPlace) -> bytes:
     return _DECOMPRESSOR.decompress(packed, max_output_size=place.size)
 
 
-def _are_messages(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], channel: int) -> bool:
-    """Return whether a message of `channel` that fits into `data` stands at each offset."""
-    if not len(offsets) or offsets.min() < 0 or offsets.max() > len(data) - MESSAGE.itemsize:
+def _are_all_messages(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64]) -> bool:
+    """Return whether `data` is nothing but messages, one at each of the rising `offsets`, without a gap."""
+    if not len(offsets) or offsets[0] != 0 or offsets[-1] > len(data) - MESSAGE.itemsize:
         return False
     heads = message_heads(data, offsets)
-    ends = offsets.astype(np.uint64) + heads["length"] + np.uint64(_RECORD.size)
-    is_message = (heads["opcode"] == Opcode.MESSAGE) & (heads["channel"] == channel)
-    long_enough = heads["length"] >= MESSAGE_FIELDS
-    # A length near 2**64 would wrap around in `ends`.
-    return bool((is_message & long_enough & (heads["length"] <= len(data)) & (ends <= len(data))).all())
+    lengths = np.diff(offsets, append=len(data)) - _RECORD.size
+    messages = (heads["opcode"] == Opcode.MESSAGE) & (heads["length"] == lengths.astype(np.uint64))
+    return bool((messages & (lengths >= MESSAGE_FIELDS)).all())
+
+
+def _by_channel(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64]) -> dict[int, npt.NDArray[np.int64]]:
+    """Return the offsets of each channel's messages, in the order of the file."""
+    channels = message_heads(data, offsets)["channel"]
+    order = np.argsort(channels, kind="stable")
+    found, starts = np.unique(channels[order], return_index=True)
+    return dict(zip(found.tolist(), np.split(offsets[order], starts[1:]), strict=True)) if len(found) else {}
 
 
 def message_heads(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
@@ -225,15 +224,15 @@ def message_heads(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64]) -
     return heads
 
 
-def _walk_messages(data: npt.NDArray[np.uint8]) -> dict[int, npt.NDArray[np.int64]]:
-    found: dict[int, list[int]] = {}
+def _walk_messages(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
+    """Return where the messages among the records `data` start."""
+    found = []
     raw, at = data.tobytes(), 0
     while at + _RECORD.size <= len(raw):
         opcode, length = _RECORD.unpack_from(raw, at)
         if length > len(raw) - at - _RECORD.size:
             break
         if opcode == Opcode.MESSAGE and length >= MESSAGE_FIELDS:
-            (channel,) = _CHANNEL.unpack_from(raw, at + _RECORD.size)
-            found.setdefault(channel, []).append(at)
+            found.append(at)
         at += _RECORD.size + length
-    return {channel: np.array(offsets, np.int64) for channel, offsets in found.items()}
+    return np.array(found, np.int64)

@@ -141,8 +141,19 @@ class Run:
         """Return the names of the messages recorded decoded on `bus`, in the order of their identifiers."""
         prefix = f"/signals/{bus}/"
         found = [topic for topic in self.topics if topic.startswith(prefix)]
-        found.sort(key=lambda topic: int(self.topics[topic].metadata.get("can_id", "0"), 16))
-        return [topic.removeprefix(prefix) for topic in found]
+        names = [topic.removeprefix(prefix) for topic in found]
+        return sorted(names, key=lambda name: (self.can_id(bus, name), name))
+
+    def can_id(self, bus: str, message: str) -> int:
+        """Return the identifier of a message, -1 where the log does not tell.
+
+        Raises:
+            BadInput: no such message was recorded.
+        """
+        try:
+            return int(self._channel(f"/signals/{bus}/{message}").metadata["can_id"], 16)
+        except (KeyError, ValueError):
+            return -1
 
     def has(self, bus: str, message: str) -> bool:
         """Return whether `message` was recorded on `bus`."""
@@ -182,8 +193,15 @@ class Run:
 
     def wall_clock_ids(self, bus: str) -> set[int]:
         """Return the identifiers on `bus` whose frames carry wall-clock figures, which differ from run to run."""
-        channels = (self.topics[f"/signals/{bus}/{message}"] for message in self.messages(bus))
-        return {int(c.metadata.get("can_id", "0"), 16) for c in channels if c.metadata.get("wall_clock") == "yes"}
+        return {self.can_id(bus, message) for message in self.messages(bus) if self.is_wall_clock(bus, message)}
+
+    def is_wall_clock(self, bus: str, message: str) -> bool:
+        """Return whether a message carries wall-clock figures.
+
+        Raises:
+            BadInput: no such message was recorded.
+        """
+        return bool(self._channel(f"/signals/{bus}/{message}").metadata.get("wall_clock") == "yes")
 
     def frame_table(self, bus: str) -> npt.NDArray[Any]:
         """Return all raw frames of a bus in the order of the file, as `FRAME_TABLE`.
@@ -191,7 +209,9 @@ class Run:
         Raises:
             BadInput: no frame was recorded there.
         """
-        return np.concatenate([part for _, part in self._frame_parts(self._channel(f"/can/{bus}").id)])
+        channel = self._channel(f"/can/{bus}").id
+        numbers = range(len(self._file.contents.chunks))
+        return np.concatenate([np.empty(0, FRAME_TABLE), *(self._frames_of_chunk(n, channel)[1] for n in numbers)])
 
     def frames(self) -> Iterator[Frame]:
         """Give every raw frame in the order of the file, in bounded memory."""
@@ -210,10 +230,6 @@ class Run:
                 row = table[index]
                 data = row["data"].tobytes()[: int(row["length"])]
                 yield Frame(int(row["time"]), names[index], int(row["can_id"]), data, int(row["receive"]))
-
-    def _frame_parts(self, channel: int) -> Iterator[tuple[npt.NDArray[np.int64], npt.NDArray[Any]]]:
-        for number in range(len(self._file.contents.chunks)):
-            yield self._frames_of_chunk(number, channel)
 
     def _frames_of_chunk(self, number: int, channel: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
         data, messages = self._chunk(number)

@@ -1,0 +1,104 @@
+"""Comparing runs: every byte counts, but for wall-clock messages and the host's own times."""
+
+import pytest
+
+from bench.errors import BadInput
+from bench.record import RunWriter, diff
+
+
+def flip_bit(frame, number=0):
+    time_ns, bus, can_id, data, receive_ns = frame
+    changed = bytearray(data)
+    changed[number // 8] ^= 1 << number % 8
+    return time_ns, bus, can_id, bytes(changed), receive_ns
+
+
+def changed_at(cycle, bus, can_id, change):
+    def apply(frame):
+        return change(frame) if frame[:3] == (cycle * 10_000_000, bus, can_id) else frame
+
+    return apply
+
+
+def test_the_same_frames_are_the_same_whenever_they_came(make_log):
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=lambda f: (*f[:4], f[4] + 12345))
+    found = diff(a.path, b.path)
+    assert found.same
+    assert str(found).startswith("same: ")
+    # All frames but the three timing messages of each vehicle in each cycle.
+    assert found.frames == (len(a.frames) - 3 * 2 * 40,) * 2
+
+
+def test_wall_clock_messages_are_left_out(make_log):
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=lambda f: flip_bit(f, 3) if f[2] in (0x5F0, 0x5F1, 0x5F2) else f)
+    assert diff(a.path, b.path).same
+
+
+def test_a_single_bit_is_found_with_its_signal_and_time(make_log):
+    # Bit 20 of VehicleMotion is bit 8 of VelocityX: 256 times 0.0005 m/s.
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=changed_at(17, "veh2", 0x102, lambda f: flip_bit(f, 20)))
+    found = diff(a.path, b.path)
+    assert not found.same
+    assert (found.first.time_s, found.first.bus) == (0.17, "veh2")
+    (only,) = found.signals
+    assert (only.bus, only.message, only.signal, only.first_s, only.count) == (
+        *("veh2", "VehicleMotion", "VelocityX"),
+        *(0.17, 1),
+    )
+    assert only.largest == pytest.approx(0.128)
+    text = str(found)
+    assert "first difference at 0.170 s on veh2" in text
+    assert "VehicleMotion: CRC" in text
+    assert "veh2 VehicleMotion.VelocityX: from 0.170 s, 1 values, by at most 0.128 m/s" in text
+
+
+def test_a_bit_that_no_signal_covers_is_found(make_log):
+    # BenchSync fills its frame; PlantBusHealth has two signals of 16 bits, the other half is spare.
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=changed_at(5, "veh1", 0x107, lambda f: flip_bit(f, 60)))
+    found = diff(a.path, b.path)
+    assert not found.same
+    assert found.first.time_s == 0.05
+    assert found.signals == ()
+
+
+def test_a_missing_frame_is_found(make_log):
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=changed_at(39, "v2v", 0x201, lambda _: None))
+    found = diff(a.path, b.path)
+    assert not found.same
+    assert found.first.time_s == 0.39
+    assert "V2VMotion_1 on v2v: 40 frames in A, 39 in B" in found.notes
+
+
+def test_a_shorter_run_differs_from_where_it_ends(make_log):
+    a, b = make_log("a.mcap", cycles=10), make_log("b.mcap", cycles=8)
+    found = diff(a.path, b.path)
+    assert found.first.time_s == 0.08
+    assert found.first.b is None
+    assert "B: no frame" in str(found)
+
+
+def test_the_order_of_frames_counts(make_log):
+    swapped = []
+
+    def swap(frame):
+        if frame[:3] == (0, "veh1", 0x100):
+            swapped.append(frame)
+            return None
+        return frame
+
+    a = make_log("a.mcap")
+    b = make_log("b.mcap", change=swap)
+    assert not diff(a.path, b.path).same
+    assert len(swapped) == 1
+
+
+def test_nothing_to_compare_is_no_success(codecs, tmp_path, make_log):
+    path = tmp_path / "empty.mcap"
+    RunWriter(path, codecs=codecs, truth_names=(), vehicles=1, metadata={}, attachments={}).close({})
+    with pytest.raises(BadInput, match="holds no frame"):
+        diff(path, make_log("a.mcap").path)
