@@ -19,9 +19,7 @@ from bench.bus.socketcan import require_links
 from bench.bus.udp import reserve_udp_ports
 from bench.errors import BadInput
 
-_ALLOWED = (
-    "allowed: udp, udp:PORT, vcan, direct, IFACE:CHANNEL (any python-can interface, e.g. socketcan:can{})"
-)
+_ALLOWED = "allowed: udp, udp:PORT, vcan, direct, IFACE:CHANNEL (any python-can interface, e.g. socketcan:can{})"
 _LAST_PORT = 65535 - MAX_VEHICLES
 
 

@@ -49,11 +49,7 @@ def protect(data: bytearray, data_id: int, counter: int) -> None:
 
 def check(data: Sequence[int], data_id: int) -> bool:
     """Return whether `data` is a whole frame of message `data_id`: its CRC fits and its counter is not 15."""
-    return (
-        len(data) >= 2
-        and data[1] & _COUNTER_MASK < COUNTER_MODULUS
-        and data[0] == crc_of_message(data, data_id)
-    )
+    return len(data) >= 2 and data[1] & _COUNTER_MASK < COUNTER_MODULUS and data[0] == crc_of_message(data, data_id)
 
 
 class Status(Enum):

@@ -30,20 +30,14 @@ def first_port(monkeypatch):
     return port
 
 
-@pytest.mark.parametrize(
-    "text", ["udp", "udp:43113", "udp:1024", "vcan", "direct", "socketcan:can{}", "pcan:A:{}"]
-)
+@pytest.mark.parametrize("text", ["udp", "udp:43113", "udp:1024", "vcan", "direct", "socketcan:can{}", "pcan:A:{}"])
 def test_an_address_reads_what_it_writes(text):
     assert str(Address.parse(text)) == text
 
 
-@pytest.mark.parametrize(
-    "text", ["", "can0", "udp:", "udp:x", "udp:80", "udp:65535", "udp:-5", ":can0", "pcan:"]
-)
+@pytest.mark.parametrize("text", ["", "can0", "udp:", "udp:x", "udp:80", "udp:65535", "udp:-5", ":can0", "pcan:"])
 def test_what_is_no_address_is_refused_with_what_is_allowed(text):
-    with pytest.raises(
-        BadInput, match=f"--can {re.escape(text)}: .*(allowed: udp, udp:PORT, vcan, direct|1024 to)"
-    ):
+    with pytest.raises(BadInput, match=f"--can {re.escape(text)}: .*(allowed: udp, udp:PORT, vcan, direct|1024 to)"):
         Address.parse(text)
 
 

@@ -80,9 +80,7 @@ def test_what_is_decoded_is_what_was_encoded_to_half_a_step(case):
     for signal in message.signals:
         if signal.name in values:
             half_step = 0 if signal.is_float else 0.5 * float(signal.scale)
-            assert abs(decoded[signal.name] - values[signal.name]) <= half_step + 1e-12 * abs(
-                values[signal.name]
-            )
+            assert abs(decoded[signal.name] - values[signal.name]) <= half_step + 1e-12 * abs(values[signal.name])
 
 
 @given(coded())

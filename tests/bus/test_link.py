@@ -302,10 +302,7 @@ class TestUdp(OnSockets):
         """Run in a network namespace of its own, which has no routes; then type what the message says."""
         unshare, ip = shutil.which("unshare"), shutil.which("ip")
         in_namespace = [unshare, "--net", "--map-root-user"]
-        if (
-            not (unshare and ip)
-            or subprocess.run([*in_namespace, "true"], check=False, capture_output=True).returncode
-        ):
+        if not (unshare and ip) or subprocess.run([*in_namespace, "true"], check=False, capture_output=True).returncode:
             pytest.skip("needs unshare and ip, and the right to make a network namespace")
         code = """
 import subprocess, sys
@@ -320,9 +317,7 @@ with open_link("v2v", Address.parse("udp:43113")) as a, open_link("v2v", Address
     a.send(1, b"mended")
     print(b.receive())
 """
-        done = subprocess.run(
-            [*in_namespace, sys.executable, "-c", code], capture_output=True, text=True, check=False
-        )
+        done = subprocess.run([*in_namespace, sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.stderr == ""
         assert "no route for multicast" in done.stdout
         assert done.stdout.splitlines()[-1] == "[(1, b'mended')]"
