@@ -1,0 +1,103 @@
+"""Logs of made-up motion with every message the analysis reads, and one log of a real run."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from bench.bus.address import Address
+from bench.bus.codec import load_codecs
+from bench.conductor.run import run
+from bench.record import Run, RunWriter
+from bench.scenario import load
+
+TRUTH_NAMES = ("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "mu")
+CYCLE_S = 0.01
+LANE_Y, SPEED, GAP = 7.0, 20.0, 10.0
+
+
+@dataclass
+class Motions:
+    """The motion of N vehicles over n cycles, (N, n) each, as a platoon in formation to begin with."""
+
+    vehicles: int
+    cycles: int
+    X: np.ndarray = field(init=False)
+    Y: np.ndarray = field(init=False)
+    psi: np.ndarray = field(init=False)
+    v_x: np.ndarray = field(init=False)
+    gamma: np.ndarray = field(init=False)
+    mu: np.ndarray = field(init=False)
+    # Values of messages that are not the start values: (vehicle, message) -> signal -> (n,).
+    signals: dict = field(default_factory=dict)
+
+    def __post_init__(self):
+        shape = (self.vehicles, self.cycles)
+        self.X = SPEED * self.t - GAP * np.arange(self.vehicles)[:, None]
+        self.Y, self.v_x = np.full(shape, LANE_Y), np.full(shape, SPEED)
+        self.psi, self.gamma, self.mu = np.zeros(shape), np.zeros(shape), np.full(shape, 0.8)
+
+    @property
+    def t(self):
+        return np.arange(self.cycles) * CYCLE_S
+
+    def say(self, vehicle, message, **signals):
+        self.signals.setdefault((vehicle, message), {}).update(signals)
+
+
+def scenario_of(vehicles, seconds):
+    """A scenario of as many vehicles, formed from the begin."""
+    base = load("formation", ["duration_s=1.0"])
+    first = base.vehicles[0]
+    starts = [first.model_copy(update={"x_m": -GAP * i, "y_m": LANE_Y, "speed_mps": SPEED}) for i in range(vehicles)]
+    return base.model_copy(update={"vehicles": tuple(starts), "duration_s": seconds, "name": "made-up"})
+
+
+def write(path, motions, result=None):
+    """Write the log of made-up motion; messages without values of their own carry their start values."""
+    codecs = load_codecs(motions.vehicles)
+    scenario = scenario_of(motions.vehicles, motions.cycles * CYCLE_S)
+    writer = RunWriter(
+        path,
+        codecs=codecs,
+        truth_names=TRUTH_NAMES,
+        vehicles=motions.vehicles,
+        metadata={"scenario": scenario.name, "seed": "1"},
+        attachments={"scenario.toml": scenario.toml().encode()},
+    )
+    for vehicle in range(1, motions.vehicles + 1):
+        motions.signals.setdefault((vehicle, "PlannerStatus"), {}).setdefault("Slot", np.full(motions.cycles, vehicle))
+    for cycle in range(motions.cycles):
+        time_ns = cycle * 10_000_000
+        for vehicle in range(1, motions.vehicles + 1):
+            bus = f"veh{vehicle}"
+            codec = codecs[bus]
+            for name in codec.names:
+                own = motions.signals.get((vehicle, name), {})
+                values = codec.start_values(name) | {signal: value[cycle] for signal, value in own.items()}
+                writer.frame(bus, time_ns, *codec.encode(name, values, cycle), 0)
+            known = {name: getattr(motions, name)[vehicle - 1][cycle] for name in TRUTH_NAMES if hasattr(motions, name)}
+            writer.truth(vehicle, time_ns, [float(known.get(name, 0.0)) for name in TRUTH_NAMES])
+    ended = {"status": "completed", "cycles": str(motions.cycles), "wall_s": "0.5"}
+    writer.close(ended if result is None else result)
+    return path
+
+
+@pytest.fixture
+def run_of(tmp_path):
+    """`run_of(motions)`: the log of made-up motion, open."""
+    return lambda motions, **options: Run(write(tmp_path / "run.mcap", motions, **options))
+
+
+@pytest.fixture(scope="session")
+def formation_log(tmp_path_factory):
+    """The log of a real run of the shipped scenario `formation`, its first 6 s, all in one process."""
+    path = tmp_path_factory.mktemp("formation") / "run.mcap"
+    address = Address.parse("direct")
+    run(load("formation", ["duration_s=6.0"]), address=address, out=path, command_line=["test"], on_progress=None)
+    return path
+
+
+@pytest.fixture
+def formation(formation_log):
+    return Run(formation_log)

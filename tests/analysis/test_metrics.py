@@ -1,0 +1,204 @@
+"""The figures of a run against cases worked out by hand."""
+
+import json
+import warnings
+
+import numpy as np
+import pytest
+
+from bench.analysis.metrics import compute
+from bench.errors import BadInput
+from bench.record import Run
+
+from .conftest import GAP, SPEED, Motions
+
+ISSUE_KEYS = {
+    *("formation_time_s", "least_distance_m", "final_gaps_m", "final_speeds_mps", "final_lateral_errors_m"),
+    *("final_yaws_rad", "boundary_margin_min", "speed_rmse_mps", "yaw_rate_rmse_radps", "solver_ms", "planner_ms"),
+    *("fallback_steps", "frames_lost", "real_time_factor"),
+}
+
+
+def test_a_platoon_in_formation_all_the_way(run_of):
+    figures = compute(run_of(Motions(3, 100)))
+    assert figures.as_dict().keys() >= ISSUE_KEYS
+    assert json.loads(json.dumps(figures.as_dict())) == figures.as_dict()
+    assert (figures.scenario, figures.vehicles, figures.duration_s) == ("made-up", 3, 1.0)
+    assert figures.complete
+    assert figures.formed
+    assert figures.formation_time_s == 0.0
+    assert figures.least_distance_m == pytest.approx(GAP)
+    assert figures.final_gaps_m == pytest.approx([GAP, GAP])
+    assert figures.final_speeds_mps == [SPEED] * 3
+    assert figures.final_lateral_errors_m == [0.0] * 3
+    assert figures.final_yaws_rad == [0.0] * 3
+    assert figures.boundary_margin_min == 1.0
+    assert figures.real_time_factor == pytest.approx(2.0)
+    assert (figures.fallback_steps, figures.frames_lost, figures.e2e_errors) == (0, 0, 0)
+
+
+# Each band's edge, as the issue defines it: gap and speed within, lateral error and yaw below.
+@pytest.mark.parametrize(
+    ("name", "inside", "outside"),
+    [("X", 0.499, 0.501), ("v_x", -0.199, 0.201), ("Y", 0.1999, -0.2001), ("psi", -0.00999, 0.01001)],
+)
+def test_formed_is_from_when_on_the_last_band_is_kept(run_of, name, inside, outside):
+    motions = Motions(2, 100)
+    values = getattr(motions, name)
+    values[0] += inside
+    values[0, :37] += outside - inside
+    assert compute(run_of(motions)).formation_time_s == 0.37
+
+
+def test_leaving_the_band_again_starts_anew(run_of):
+    motions = Motions(2, 100)
+    motions.v_x[1, :20] = 18.0
+    motions.psi[0, 80] = 0.02
+    assert compute(run_of(motions)).formation_time_s == 0.81
+
+
+def test_out_of_the_band_at_the_end_is_not_formed(run_of):
+    motions = Motions(2, 100)
+    motions.Y[1, -1] += 0.25
+    figures = compute(run_of(motions))
+    assert figures.formation_time_s is None
+    assert not figures.formed
+    assert figures.final_lateral_errors_m == pytest.approx([0.0, 0.25])
+
+
+def test_gaps_follow_the_slots_and_not_the_vehicles_numbers(run_of):
+    motions = Motions(3, 10)
+    motions.X[[0, 1, 2]] = motions.X[[1, 2, 0]]
+    motions.X[0] += 0.3
+    for vehicle, slot in ((1, 2), (2, 3), (3, 1)):
+        motions.say(vehicle, "PlannerStatus", Slot=np.full(10, slot))
+    assert compute(run_of(motions)).final_gaps_m == pytest.approx([GAP - 0.3, GAP + 0.3])
+
+
+def test_without_slots_the_order_is_that_of_the_start(run_of):
+    motions = Motions(3, 10)
+    motions.X[[0, 1, 2]] = motions.X[[1, 2, 0]]
+    for vehicle in (1, 2, 3):
+        motions.say(vehicle, "PlannerStatus", Slot=np.zeros(10))
+    assert compute(run_of(motions)).final_gaps_m == pytest.approx([GAP, GAP])
+
+
+def test_least_distance_is_across_the_road_too_and_over_all_pairs(run_of):
+    motions = Motions(3, 50)
+    # Vehicles 1 and 3 side by side for a moment: 3 m along, 4 m across.
+    motions.X[2, 20], motions.Y[2, 20] = motions.X[0, 20] - 3.0, 7.0 + 4.0
+    assert compute(run_of(motions)).least_distance_m == pytest.approx(5.0)
+
+
+def test_a_single_vehicle_has_no_distance_and_no_gap(run_of):
+    figures = compute(run_of(Motions(1, 50)))
+    assert figures.least_distance_m is None
+    assert figures.final_gaps_m == []
+    assert figures.formation_time_s == 0.0
+
+
+def test_the_margin_takes_the_smaller_adhesion(run_of):
+    motions = Motions(2, 50)
+    # gamma_max = 0.85 * 0.8 * 9.8 / 20 = 0.3332 rad/s at the planner's mu, half of it on a road of 0.4.
+    motions.gamma[0, 10] = -0.1666
+    assert compute(run_of(motions)).boundary_margin_min == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("mu", "margin"), [(0.4, 0.0), (0.2, -1.0), (1.2, 0.5)])
+def test_the_margin_on_other_roads(run_of, mu, margin):
+    motions = Motions(2, 50)
+    motions.gamma[1, 10] = 0.1666
+    motions.mu[:] = mu
+    assert compute(run_of(motions)).boundary_margin_min == pytest.approx(margin)
+
+
+def test_tracking_errors_are_against_the_reference_of_the_same_cycle(run_of):
+    motions = Motions(2, 100)
+    ramp = 20.0 + 0.01 * np.arange(100)
+    motions.v_x[0] = ramp + 0.1
+    motions.gamma[1] = 0.02
+    for vehicle, speed, rate in ((1, ramp, 0.0), (2, np.full(100, 20.0), 0.05)):
+        motions.say(vehicle, "TrackerReferenceState", VelocityX=speed, YawRate=np.full(100, rate))
+        motions.say(vehicle, "TrackerStatus", State=np.ones(100))
+    figures = compute(run_of(motions))
+    assert figures.speed_rmse_mps == pytest.approx([0.1, 0.0], abs=1e-9)
+    assert figures.yaw_rate_rmse_radps == pytest.approx([0.0, 0.03], abs=1e-9)
+
+
+def test_cycles_before_the_tracker_has_begun_have_no_reference(run_of):
+    motions = Motions(1, 100)
+    begun = np.arange(100) >= 30
+    motions.say(1, "TrackerReferenceState", VelocityX=np.where(begun, 19.0, 0.0))
+    motions.say(1, "TrackerStatus", State=begun * 1.0)
+    assert compute(run_of(motions)).speed_rmse_mps == pytest.approx([1.0])
+
+
+def test_times_of_solvers_over_all_vehicles(run_of):
+    motions = Motions(2, 100)
+    motions.say(1, "TrackerTiming", SolveTime=np.full(100, 1500.0), StepTime=np.full(100, 2000.0))
+    motions.say(2, "TrackerTiming", SolveTime=np.full(100, 2500.0), StepTime=np.full(100, 3000.0))
+    # Between its optimisations the planner reports no time of 0: every step takes some.
+    motions.say(1, "PlannerTiming", StepTime=np.arange(1.0, 101.0) * 100.0)
+    figures = compute(run_of(motions))
+    assert figures.solver_ms == pytest.approx({"p50": 2.0, "p99": 2.5})
+    assert figures.tracker_ms == pytest.approx({"p50": 2.5, "p99": 3.0})
+    assert figures.planner_ms["p50"] == pytest.approx(5.05)
+
+
+def test_fallbacks_are_steps_that_ran_without_the_gain_of_their_sdp(run_of):
+    motions = Motions(2, 100)
+    source, status = np.zeros(100), np.zeros(100)
+    source[10:14] = [1, 2, 3, 1]
+    # A tracker that did not solve at all, as before its first reference, is not in a fallback.
+    source[0], status[0] = 3, 6
+    motions.say(1, "TrackerStatus", GainSource=source, SolverStatus=status)
+    motions.say(2, "TrackerStatus", GainSource=np.zeros(100), SolverStatus=np.zeros(100))
+    assert compute(run_of(motions)).fallback_steps == 4
+
+
+def test_lost_frames_and_refused_ones_are_summed_over_all_ecus(run_of):
+    motions = Motions(2, 20)
+    rising = np.minimum(np.arange(20), 5)
+    motions.say(1, "PlantBusHealth", FramesLost=rising, E2EErrors=rising * 2)
+    motions.say(2, "TrackerBusHealth", FramesLost=rising)
+    figures = compute(run_of(motions))
+    assert (figures.frames_lost, figures.e2e_errors) == (10, 10)
+
+
+def test_frames_the_conductor_lost_count_too(run_of):
+    ended = {"status": "completed", "cycles": "20", "wall_s": "1", "frames_lost": "3"}
+    assert compute(run_of(Motions(1, 20), result=ended)).frames_lost == 3
+
+
+def test_a_run_that_was_cut_off_is_not_complete(run_of, tmp_path):
+    path = run_of(Motions(3, 200)).path
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(UserWarning, match="ends before its summary"):
+        run = Run(cut)
+    figures = compute(run)
+    assert not figures.complete
+    assert figures.real_time_factor is None
+    assert 0.2 < figures.duration_s < 1.8
+
+
+def test_a_log_without_truth_is_refused(run_of, tmp_path):
+    path = run_of(Motions(1, 20)).path
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:3000])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = Run(cut)
+    with pytest.raises(BadInput, match="no topic /truth/veh1"):
+        compute(run)
+
+
+def test_the_real_formation_is_what_the_issue_asks_for(formation):
+    figures = compute(formation)
+    assert figures.complete
+    assert figures.formation_time_s < 6.5
+    assert figures.least_distance_m > 4.0
+    assert figures.final_gaps_m == pytest.approx([10.0, 10.0], abs=0.2)
+    assert figures.final_speeds_mps == pytest.approx([20.0] * 3, abs=0.1)
+    assert figures.boundary_margin_min > 0.0
+    assert figures.solver_ms["p50"] > 0.0
