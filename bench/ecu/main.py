@@ -14,7 +14,7 @@ from bench.bus.codec import Codec, load_codecs
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
-from bench.bus.topic import V2V, vehicle_bus
+from bench.bus.topic import V2V, Topic, vehicle_bus
 from bench.ecu.base import Ecu
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
@@ -88,7 +88,16 @@ def make_node(
         BadInput: the class cannot be loaded, or takes what is not on its buses.
     """
     ecu: Ecu = load_class(spec)(vehicle, scenario)
-    return EcuNode(ecu_name(role, vehicle), ecu, links, codecs), ecu
+    diagnostics = diagnostics_of(role, vehicle, codecs)
+    return EcuNode(ecu_name(role, vehicle), ecu, links, codecs, diagnostics), ecu
+
+
+def diagnostics_of(role: str, vehicle: int, codecs: Mapping[str, Codec]) -> list[Topic]:
+    """What the DBC has an ECU of this role send on its vehicle's bus without E2E protection: it drives nothing."""
+    bus = vehicle_bus(vehicle)
+    codec = codecs[bus]
+    own = [name for name in codec.names if role.capitalize() in codec.message(name).senders]
+    return [Topic(bus, name) for name in own if not codec.is_protected(codec.can_id(name))]
 
 
 def serve_ecu(ties: Ties | None, spec: str, role: str, vehicle: int, scenario: Scenario, address: Address) -> None:
@@ -115,6 +124,8 @@ def serve_ecu(ties: Ties | None, spec: str, role: str, vehicle: int, scenario: S
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in buses_of(role, vehicle)}
         node, ecu = make_node(spec, role, vehicle, scenario, links, codecs)
         if ties is None:
+            sys.stderr.write(f"{node.name} listens on {', '.join(links)} at {address}\n")
+            sys.stderr.flush()
             serve([node], silence_s=SILENCE_S)
         else:
             ties.ready(node.name, ecu.inputs)

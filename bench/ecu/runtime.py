@@ -1,12 +1,12 @@
 """Runs an ECU on its buses: collects a cycle's inputs, steps, sends."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.inbox import Inbox
-from bench.bus.topic import CYCLE_MS, Outgoing
+from bench.bus.topic import CYCLE_MS, Outgoing, Topic
 from bench.ecu.base import Ecu
 from bench.errors import BadInput
 
@@ -14,8 +14,18 @@ from bench.errors import BadInput
 class EcuNode:
     """An ECU as a node on its buses."""
 
-    def __init__(self, name: str, ecu: Ecu, links: Mapping[str, Link], codecs: Mapping[str, Codec]) -> None:
+    def __init__(
+        self,
+        name: str,
+        ecu: Ecu,
+        links: Mapping[str, Link],
+        codecs: Mapping[str, Codec],
+        diagnostics: Sequence[Topic] = (),
+    ) -> None:
         """Put `ecu` on `links` (by bus name); in messages to a person it is `name`.
+
+        Those of `diagnostics` that a step does not return go out with their start values, so that a small ECU need not
+        send what drives nothing.
 
         Raises:
             BadInput: an input does not exist on these buses or has no alive counter.
@@ -23,6 +33,9 @@ class EcuNode:
         self.name = name
         self._ecu = ecu
         self._links = dict(links)
+        self._diagnostics = {
+            (topic.bus, topic.message): Outgoing(topic.bus, topic.message, {}) for topic in diagnostics
+        }
         self._codecs = codecs
         self._start_values: dict[tuple[str, str], dict[str, float]] = {}
         try:
@@ -52,7 +65,11 @@ class EcuNode:
             cycle = self._inbox.cycle
             inputs = self._inbox.take()
             not_numbers = self._not_numbers()
+            owed = dict(self._diagnostics)
             for outgoing in self._ecu.step(cycle, cycle * CYCLE_MS / 1000, inputs, self._inbox.health):
+                owed.pop((outgoing.bus, outgoing.message), None)
+                self._send(outgoing, cycle)
+            for outgoing in owed.values():
                 self._send(outgoing, cycle)
             if self._not_numbers() > not_numbers:
                 warnings.warn(f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values", stacklevel=2)

@@ -14,6 +14,7 @@ from bench.errors import BadInput
 
 MOTION = Topic("veh1", "VehicleMotion")
 PEER = Topic("v2v", "V2VPosition_2")
+STATUS = Topic("veh1", "PlannerStatus")
 CODECS = load_codecs(2)
 MOTION_VALUES = {"VelocityX": 20.0, "VelocityY": 0.0, "YawRate": 0.0}
 
@@ -40,8 +41,8 @@ class Rig:
         address = Address.parse("direct")
         self.ecu = ecu
         self.far: dict[str, Link] = {bus: open_link(bus, address) for bus in ("veh1", "v2v")}
-        near = {bus: open_link(bus, address) for bus in ("veh1", "v2v")}
-        self.node = EcuNode(ecu.name, ecu, near, CODECS)
+        self.near = {bus: open_link(bus, address) for bus in ("veh1", "v2v")}
+        self.node = EcuNode(ecu.name, ecu, self.near, CODECS)
 
     def send(self, bus: str, message: str, values: Mapping[str, float], counter: int, *, spoil: bool = False) -> None:
         can_id, data = CODECS[bus].encode(message, values, counter)
@@ -270,3 +271,17 @@ def test_refuses_to_send_a_message_that_the_dbc_does_not_have(rig: Rig) -> None:
     rig.ecu.answer = [Outgoing("veh1", "Nonsense", {})]
     with pytest.raises(EncodeError, match="Nonsense"):
         rig.cycle(0)
+
+
+def test_diagnostics_that_a_step_leaves_out_go_out_with_their_start_values(rig: Rig) -> None:
+    owing = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, [STATUS])
+    rig.node = owing
+    rig.cycle(0)
+    sent = [CODECS["veh1"].decode(*frame) for frame in rig.far["veh1"].receive()]
+    assert [name for name, _ in sent] == ["Reference", "PlannerStatus"]
+    assert sent[1][1] == CODECS["veh1"].start_values("PlannerStatus")
+
+    rig.ecu.answer = [Outgoing("veh1", "PlannerStatus", {"Slot": 3})]
+    rig.cycle(1)
+    sent = [CODECS["veh1"].decode(*frame) for frame in rig.far["veh1"].receive()]
+    assert [(name, values["Slot"]) for name, values in sent] == [("PlannerStatus", 3)]
