@@ -147,12 +147,14 @@ def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
     with the process, however that ends.
 
     Raises:
-        BadInput: a port is held by another bench or used by another program, or there are no free ones.
+        BadInput: a port is held by another bench, used by another program (with `first`: used by one that shares it
+            with nobody), or there are no free ones.
     """
     starts = range(FIRST_PORT, _LAST_PORT - count, count) if first is None else (first,)
     for start in starts:
         ports = range(start, start + count)
-        locks = _lock(ports)
+        # Who names the ports may have ECUs or tools listening there already.
+        locks = _lock(ports, shared=first is not None)
         if locks is not None:
             with locks:
                 yield ports
@@ -165,19 +167,22 @@ def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
     )
 
 
-def _lock(ports: range) -> ExitStack | None:
+def _lock(ports: range, shared: bool) -> ExitStack | None:
     """Return the locks of all `ports`, or None where one of them is not free."""
     with ExitStack() as stack:
         for port in ports:
             lock = stack.enter_context(socket(AF_INET, SOCK_STREAM))
-            if not (_binds(lock, "127.0.0.1", port) and _is_free(port)):
+            if not (_binds(lock, "127.0.0.1", port) and _is_free(port, shared)):
                 return None
         return stack.pop_all()
 
 
-def _is_free(port: int) -> bool:
-    """Return whether no program, of this bench's kind or any other, has a UDP socket on this port."""
+def _is_free(port: int, shared: bool) -> bool:
+    """Return whether no program has a UDP socket on this port or, for `shared`, none that keeps it to itself."""
     with socket(AF_INET, SOCK_DGRAM) as probe:
+        if shared:
+            probe.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)
+            probe.setsockopt(SOL_SOCKET, SO_REUSEPORT, 1)
         return _binds(probe, "", port)
 
 

@@ -39,7 +39,14 @@ class Watched:
         self.temporary = folder / "tmp"
         self.temporary.mkdir()
         self._mark = uuid.uuid4().hex
-        settings = {"can": "udp", "set": [], "ecus": SIMPLE, "silence_s": GUARD_S, "out": str(self.out)} | given
+        settings = {
+            "can": "udp",
+            "set": [],
+            "ecus": SIMPLE,
+            "silence_s": GUARD_S,
+            "external": [],
+            "out": str(self.out),
+        } | given
         paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
         self.process = subprocess.Popen(
             [sys.executable, str(Path(__file__).with_name("runner.py")), json.dumps(settings)],

@@ -20,6 +20,7 @@ def main() -> int:
             command_line=sys.argv,
             on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
             ecus=given["ecus"],
+            external=given["external"],
             silence_s=given["silence_s"],
         )
     except BenchError as error:

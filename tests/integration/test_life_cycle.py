@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -15,6 +17,11 @@ from bench.bus.link import settle
 from bench.errors import BadInput
 from bench.record.reader import LogDamaged, Run
 
+ROOT = Path(__file__).parents[2]
+SIMPLE = {
+    "planner": f"{ROOT}/tests/ecus/simple.py:CruisePlanner",
+    "tracker": f"{ROOT}/tests/ecus/simple.py:SpeedTracker",
+}
 Unruly = Callable[..., dict[str, str]]
 LONG = ["duration_s=300.0"]
 SHORT = ["duration_s=0.5"]
@@ -227,3 +234,43 @@ def test_two_runs_at_once_do_not_hear_each_other(start) -> None:
     for run in runs:
         assert run.end()[0] == 0
         assert not any("not due" in event.text for event in read(run.out).events)
+
+
+def test_an_ecu_may_run_alone(start) -> None:
+    can = f"udp:{61000 + os.getpid() % 400 * 8}"
+    code = (
+        "import sys; from bench.bus.address import Address; from bench.ecu.main import serve_ecu; "
+        "from bench.scenario import load; "
+        "serve_ecu(None, sys.argv[1], 'tracker', 2, load('formation'), Address.parse(sys.argv[2]))"
+    )
+    alone = subprocess.Popen(
+        [sys.executable, "-c", code, SIMPLE["tracker"], can], cwd=ROOT, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert alone.stderr is not None
+        assert alone.stderr.readline() == f"veh2.tracker listens on veh2 at {can}\n"
+        run = start(set=SHORT, can=can, external=["veh2.tracker"])
+        assert run.end()[::2] == (0, "")
+        assert alone.wait(60.0) == 0
+    finally:
+        alone.kill()
+        alone.communicate()
+    assert "ecu tracker" in read(run.out).metadata
+
+
+def test_an_external_ecu_that_the_scenario_does_not_have_is_refused(start) -> None:
+    run = start(set=SHORT, external=["veh4.tracker"])
+    code, _, errors = run.end()
+    assert code == 2
+    assert "veh4.tracker" in errors
+    assert not run.out.exists()
+
+
+def test_a_log_that_exists_is_not_overwritten(start, tmp_path: Path) -> None:
+    out = tmp_path / "precious.mcap"
+    out.write_bytes(b"precious")
+    run = start(set=SHORT, out=str(out))
+    code, _, errors = run.end()
+    assert code == 2
+    assert "precious.mcap exists" in errors
+    assert out.read_bytes() == b"precious"
