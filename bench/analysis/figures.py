@@ -243,11 +243,11 @@ class Figures:
         neighbours = [tuple(sorted(pair)) for pair in zip(truth.order, truth.order[1:], strict=False)]
         curves = []
         for index, (i, j) in enumerate(neighbours, start=1):
-            curves.append(self._distance_curve(i, j, distances[i, j], colour(index), dash=False))
+            curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=False))
         if len(truth.order) <= _ALL_PAIRS_UP_TO:
             others = [pair for pair in distances if pair not in neighbours]
             for index, (i, j) in enumerate(others, start=len(neighbours) + 1):
-                curves.append(self._distance_curve(i, j, distances[i, j], colour(index + 3), dash=True))
+                curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=True))
         else:
             self._put("distance.least", np.min(list(distances.values()), axis=0))
             curves.append(Curve("least of all pairs", "t", "distance.least", "ink", dash=True))
@@ -264,12 +264,12 @@ class Figures:
         self._add_if(self._over_time("steering", "Steering angle command", group, "δ [rad]", steering))
         for v in self._vehicles:
             curves = []
-            for number, wheel in enumerate(_WHEELS):
+            for wheel in _WHEELS:
                 message = "TorqueCommandFront" if wheel.startswith("F") else "TorqueCommandRear"
                 key = f"{v}.torque.{wheel}"
                 if self._put_signal(key, v, message, f"Torque{wheel}"):
-                    dash = wheel.endswith("R")
-                    curves.append(Curve(wheel, "t", key, colour(5 if number < 2 else 2), dash, step=True))
+                    axle_colour = colour(v) if wheel.startswith("F") else "ink"
+                    curves.append(Curve(wheel, "t", key, axle_colour, dash=wheel.endswith("R"), step=True))
             self._add_if(
                 self._over_time(f"torque{v}", f"Wheel torque commands, vehicle {v}", group, "torque [N m]", curves)
             )
@@ -401,7 +401,7 @@ class Figures:
         if not self._run.has(bus, message):
             return None
         columns = self._run.message(bus, message)
-        rows, at = rows_at(columns, self._truth.t)
+        rows, at = rows_at(columns["t"], self._truth.t)
         values = np.full(len(self._truth.t), np.nan)
         values[at] = columns[signal][rows]
         return values

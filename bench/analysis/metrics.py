@@ -156,14 +156,14 @@ def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float 
     bus = f"veh{vehicle}"
     if not run.has(bus, "TrackerReferenceState"):
         return None
-    reference = run.message(bus, "TrackerReferenceState")
+    times, values = run.signal(bus, "TrackerReferenceState", signal)
     if run.has(bus, "TrackerStatus"):
         # A tracker that has not begun sends no reference worth the name.
         status = run.message(bus, "TrackerStatus")
-        begun = status["t"][status["State"] != _INIT]
-        reference = {name: column[rows_at(reference, begun)[0]] for name, column in reference.items()}
-    rows, at = rows_at(reference, t)
-    return float(np.sqrt(np.mean((truth[at] - reference[signal][rows]) ** 2))) if len(rows) else None
+        begun = rows_at(times, status["t"][status["State"] != _INIT])[0]
+        times, values = times[begun], values[begun]
+    rows, at = rows_at(times, t)
+    return float(np.sqrt(np.mean((truth[at] - values[rows]) ** 2))) if len(rows) else None
 
 
 def _percentiles(run: Run, message: str, signal: str) -> dict[str, float]:

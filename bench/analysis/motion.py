@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from bench.errors import BadInput
 from bench.record import Run
-from bench.record.reader import Columns
 
 Array = npt.NDArray[np.float64]
 
@@ -94,8 +93,8 @@ def _order(run: Run, start: Array) -> tuple[int, ...]:
     return tuple(int(index) for index in np.argsort(-start, kind="stable"))
 
 
-def rows_at(columns: Columns, t: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rows of `columns` and of `t` (n,) s that are of the same time."""
-    left, right = (np.rint(times * 1e9).astype(np.int64) for times in (columns["t"], t))
+def rows_at(times: Array, t: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the rows of `times` (m,) s and of `t` (n,) s that are of the same time."""
+    left, right = (np.rint(values * 1e9).astype(np.int64) for values in (times, t))
     _, rows, at = np.intersect1d(left, right, return_indices=True)
     return rows.astype(np.int64), at.astype(np.int64)

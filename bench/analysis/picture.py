@@ -81,7 +81,7 @@ def _times(run: Run, truth: Motion, moments: int) -> Array:
     goal = run.scenario.platoon
     start, last = float(truth.t[0]), float(truth.t[-1])
     formed = formation_time(truth, goal.lane_y_m, goal.speed_mps, goal.gap_m)
-    end = last if formed is None else min(last, max(start + 1.0, math.ceil(formed * 2.0) / 2.0))
+    end = last if formed is None or formed <= start else min(last, max(start + 1.0, math.ceil(formed * 2.0) / 2.0))
     return np.linspace(start, end, moments)
 
 

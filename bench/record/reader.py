@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import tomllib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -37,7 +37,20 @@ FRAME_TABLE = np.dtype(
 )
 """One frame of `Run.frame_table`: times in ns, data padded with zeros."""
 
-Columns = dict[str, npt.NDArray[Any]]
+
+class Columns(dict[str, npt.NDArray[Any]]):
+    """The values of a topic by name, each (n,), and `t`, the time in s.
+
+    Asking for a value that the topic does not have raises BadInput, as the log is not what it should be.
+    """
+
+    def __init__(self, where: str, values: Mapping[str, npt.NDArray[Any]]) -> None:
+        super().__init__(values)
+        self._where = where
+
+    def __missing__(self, name: str) -> npt.NDArray[Any]:
+        """Refuse a value the topic does not have."""
+        raise BadInput(f"{self._where} has no {name!r}; it has {', '.join(key for key in self if key != 't')}")
 
 
 class LogDamaged(UserWarning):
@@ -174,9 +187,6 @@ class Run:
             BadInput: no such signal was recorded.
         """
         columns = self.message(bus, message)
-        if signal == "t" or signal not in columns:
-            known = ", ".join(name for name in columns if name != "t")
-            raise BadInput(f"{self.path}: message {message} on {bus} has no signal {signal!r}; it has {known}")
         return columns["t"], columns[signal].astype(np.float64)
 
     def truth(self, vehicle: int) -> Columns:
@@ -262,10 +272,10 @@ class Run:
             parts.append(_flat(data, offsets, heads["length"], layout) if layout else None)
             if parts[-1] is None:
                 parts[-1] = self._parse_flat(data, offsets, heads["length"], kind, names)
-        columns: Columns = {"t": np.concatenate(times) / 1e9 if times else np.empty(0)}
+        columns = {"t": np.concatenate(times) / 1e9 if times else np.empty(0)}
         for name in names:
             columns[name] = np.concatenate([part[name] for part in parts if part is not None]) if parts else np.empty(0)
-        return columns
+        return Columns(f"{self.path}: topic {channel.topic}", columns)
 
     def _parse_flat(
         self,
@@ -274,7 +284,7 @@ class Run:
         lengths: npt.NDArray[np.uint64],
         kind: type[Message],
         names: list[str],
-    ) -> Columns:
+    ) -> dict[str, npt.NDArray[Any]]:
         """Decode messages that another writer encoded in its own way."""
         rows = [self._parse(kind, payload) for payload in _payloads(data, offsets, lengths)]
         return {name: np.array([getattr(row, name) for row in rows]) for name in names}

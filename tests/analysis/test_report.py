@@ -2,16 +2,18 @@
 
 import html.parser
 import json
+import random
 import re
 import shutil
 import subprocess
+import warnings
 
 import pytest
 
 from bench.analysis.figures import MAX_POINTS, Figures
 from bench.analysis.report import render, write
 from bench.errors import BadInput
-from bench.record import Run
+from bench.record import LogDamaged, Run
 
 from .conftest import Motions
 
@@ -174,6 +176,26 @@ def test_a_cut_off_run_has_a_report_that_says_so(formation_log, tmp_path):
 def test_a_place_that_cannot_be_written_is_named(formation, tmp_path):
     with pytest.raises(BadInput, match="cannot write the report"):
         write(formation, tmp_path / "none" / "report.html")
+
+
+def test_a_damaged_log_gives_a_report_or_a_clear_error(run_of, tmp_path):
+    whole = run_of(Motions(2, 40)).path.read_bytes()
+    generator = random.Random(3)
+    path = tmp_path / "damaged.mcap"
+    refused = 0
+    for _ in range(80):
+        damaged = bytearray(whole)
+        # The head of the file holds the schemas and names, which no checksum covers.
+        for _ in range(generator.choice([1, 5, 50])):
+            damaged[generator.randrange(generator.choice([50_000, len(whole)]))] ^= 1 << generator.randrange(8)
+        path.write_bytes(damaged)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", LogDamaged)
+            try:
+                assert render(Run(path)).endswith("</html>\n")
+            except BadInput:
+                refused += 1
+    assert 0 < refused < 80
 
 
 # What a person would do, done in the page itself; what came of it is left in the page's title.

@@ -77,7 +77,7 @@ def test_what_describes_the_run(recorded):
 @pytest.mark.parametrize(
     ("ask", "answer"),
     [
-        (lambda run: run.signal("veh1", "VehicleMotion", "Speed"), "no signal 'Speed'; it has CRC, AliveCounter, Vel"),
+        (lambda run: run.signal("veh1", "VehicleMotion", "Speed"), "VehicleMotion has no 'Speed'; it has CRC, AliveC"),
         (lambda run: run.signal("veh1", "VehicleSpeed", "x"), "no topic /signals/veh1/VehicleSpeed; recorded are /sig"),
         (lambda run: run.truth(3), "no topic /truth/veh3; recorded are /truth/veh1, /truth/veh2"),
         (lambda run: run.frame_table("veh9"), "no topic /can/veh9"),

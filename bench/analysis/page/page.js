@@ -5,7 +5,10 @@
   const data = JSON.parse(document.getElementById("data").textContent);
   const pool = data.pool;
   const SVG = "http://www.w3.org/2000/svg";
-  const MARGIN = { left: 62, right: 14, top: 10, bottom: 42 };
+  const MARGIN = { right: 14, top: 10, bottom: 42 };
+  // Room for the axis' name and, beside it, for numbers of so many pixels a character.
+  const NAME = 26;
+  const CHARACTER = 7.2;
 
   // What all figures share: the time pointed at (s) and the range of time shown, null for all of the run.
   const shared = { time: null, range: null };
@@ -164,17 +167,20 @@
       this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
       this.svg.replaceChildren();
       const { x, y } = this.ranges();
-      const inner = { w: width - MARGIN.left - MARGIN.right, h: height - MARGIN.top - MARGIN.bottom };
+      const up = ticks(y[0], y[1], (height - MARGIN.top - MARGIN.bottom) / 30);
+      const longest = Math.max(4, ...up.found.map((value) => sign(value, up.digits).length));
+      this.left = Math.round(NAME + CHARACTER * longest + 8);
+      const inner = { w: width - this.left - MARGIN.right, h: height - MARGIN.top - MARGIN.bottom };
       this.inner = inner;
-      this.toX = (value) => MARGIN.left + ((value - x[0]) / (x[1] - x[0])) * inner.w;
+      this.toX = (value) => this.left + ((value - x[0]) / (x[1] - x[0])) * inner.w;
       this.toY = (value) => MARGIN.top + ((y[1] - value) / (y[1] - y[0])) * inner.h;
-      this.fromX = (pixel) => x[0] + ((pixel - MARGIN.left) / inner.w) * (x[1] - x[0]);
+      this.fromX = (pixel) => x[0] + ((pixel - this.left) / inner.w) * (x[1] - x[0]);
       const clip = `clip-${this.figure.id}`;
       shape(shape(shape(this.svg, "defs"), "clipPath", { id: clip }), "rect", {
-        x: MARGIN.left, y: MARGIN.top, width: inner.w, height: inner.h,
+        x: this.left, y: MARGIN.top, width: inner.w, height: inner.h,
       });
       this.drawRoad();
-      this.drawAxes(x, y);
+      this.drawAxes(x, up);
       this.body = shape(this.svg, "g", { "clip-path": `url(#${clip})` });
       this.drawLines();
       this.drawEvents(x);
@@ -188,20 +194,19 @@
       if (!lanes.length) return;
       const edges = lanes.map(([level]) => this.toY(level));
       shape(this.svg, "rect", {
-        class: "road", x: MARGIN.left, y: round(Math.min(...edges)), width: this.inner.w,
+        class: "road", x: this.left, y: round(Math.min(...edges)), width: this.inner.w,
         height: round(Math.max(...edges) - Math.min(...edges)),
       });
       for (const [level, solid] of lanes) {
-        const d = `M${MARGIN.left} ${round(this.toY(level))}h${this.inner.w}`;
+        const d = `M${this.left} ${round(this.toY(level))}h${this.inner.w}`;
         shape(this.svg, "path", { class: solid ? "edge" : "lane", d });
       }
     }
 
-    drawAxes(x, y) {
+    drawAxes(x, up) {
       const { inner } = this;
       const bottom = MARGIN.top + inner.h;
       const across = ticks(x[0], x[1], inner.w / 46);
-      const up = ticks(y[0], y[1], inner.h / 30);
       const lined = !this.figure.lanes.length;
       for (const value of across.found) {
         const at = round(this.toX(value));
@@ -210,11 +215,11 @@
       }
       for (const value of up.found) {
         const at = round(this.toY(value));
-        if (lined) shape(this.svg, "path", { class: "gridline", d: `M${MARGIN.left} ${at}h${inner.w}` });
-        shape(this.svg, "text", { x: MARGIN.left - 7, y: at + 4, "text-anchor": "end" }, sign(value, up.digits));
+        if (lined) shape(this.svg, "path", { class: "gridline", d: `M${this.left} ${at}h${inner.w}` });
+        shape(this.svg, "text", { x: this.left - 7, y: at + 4, "text-anchor": "end" }, sign(value, up.digits));
       }
-      shape(this.svg, "rect", { class: "frame", x: MARGIN.left, y: MARGIN.top, width: inner.w, height: inner.h });
-      const middle = MARGIN.left + inner.w / 2;
+      shape(this.svg, "rect", { class: "frame", x: this.left, y: MARGIN.top, width: inner.w, height: inner.h });
+      const middle = this.left + inner.w / 2;
       shape(this.svg, "text", { class: "label", x: middle, y: bottom + 36, "text-anchor": "middle" }, this.figure.x_label);
       const turn = `translate(14 ${MARGIN.top + inner.h / 2}) rotate(-90)`;
       shape(this.svg, "text", { class: "label", transform: turn, "text-anchor": "middle" }, this.figure.y_label);
@@ -223,10 +228,10 @@
     drawLines() {
       for (const line of this.figure.lines) {
         const at = round(this.toY(line.y));
-        const d = `M${MARGIN.left} ${at}h${this.inner.w}`;
+        const d = `M${this.left} ${at}h${this.inner.w}`;
         shape(this.body, "path", { class: line.limit ? "level limit" : "level", d });
         if (!line.name) continue;
-        const place = { class: "mark-text", x: MARGIN.left + this.inner.w - 5, y: at - 4, "text-anchor": "end" };
+        const place = { class: "mark-text", x: this.left + this.inner.w - 5, y: at - 4, "text-anchor": "end" };
         shape(this.body, "text", place, line.name);
       }
     }
@@ -383,7 +388,8 @@
     document.getElementById("description").textContent = data.description;
     const verdict = document.getElementById("verdict");
     const missed = data.metrics.filter((row) => row[3] === false && !row[4]).map((row) => row[0].toLowerCase());
-    const parts = [data.formed ? `Formed after ${data.formation_time.toFixed(2)} s` : "No platoon formed"];
+    const parts = ["No platoon formed"];
+    if (data.formed) parts[0] = data.formation_time > 0 ? `Formed after ${data.formation_time.toFixed(2)} s` : "Formed from the start on";
     if (!data.complete) parts.push(`the run is not complete (${data.damage || data.status})`);
     if (missed.length) parts.push(`not as asked: ${missed.join(", ")}`);
     verdict.textContent = `${parts.join("; ")}.`;
