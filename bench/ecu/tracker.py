@@ -6,10 +6,10 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.bus.states import ActuatorState, CommandState, EcuState, ReferenceState
 from bench.bus.topic import Health, Outgoing, Signals, Topic, vehicle_bus
 from bench.control.semidefinite import SolverStatus
 from bench.control.tracker import GainSource, Tracker, TrackerOutput
-from bench.ecu.states import ActuatorState, CommandState, EcuState, ReferenceState
 from bench.scenario import CYCLE_S, Scenario
 from platoon_fmu.parameters import VehicleParameters
 

@@ -2,26 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 
+from bench.bus.states import ActuatorState, CommandState
 from bench.bus.topic import Signals
 
 STEERING = "SteeringCommand"
 TORQUES_FRONT = "TorqueCommandFront"
 TORQUES_REAR = "TorqueCommandRear"
 COMMANDS = (STEERING, TORQUES_FRONT, TORQUES_REAR)
-
-NO_COMMAND = 0
-"""The CommandState of a tracker that has nothing to command yet."""
-
-
-class ActuatorState(IntEnum):
-    """Value table of the DBC's ActuatorState."""
-
-    INIT = 0
-    ACTIVE = 1
-    HOLD = 2
-    SAFE = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +45,7 @@ class Actuators:
     def take(self, commands: Mapping[str, Signals | None]) -> None:
         """Take one cycle's command messages by name; None for one that did not come or came damaged."""
         steering, front, rear = (commands[name] for name in COMMANDS)
-        if steering is None or front is None or rear is None or steering["CommandState"] == NO_COMMAND:
+        if steering is None or front is None or rear is None or steering["CommandState"] == CommandState.NONE:
             self._hold()
             return
         self.held_cycles = 0

@@ -2,7 +2,8 @@
 
 import pytest
 
-from bench.plant.actuators import COMMANDS, Actuators, ActuatorState, Applied
+from bench.bus.states import ActuatorState
+from bench.plant.actuators import COMMANDS, Actuators, Applied
 
 GOOD = {
     "SteeringCommand": {"SteeringAngle": 0.1, "CommandState": 1.0},

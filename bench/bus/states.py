@@ -1,4 +1,4 @@
-"""The states and value tables that both ECUs share on the bus."""
+"""The DBC's value tables that more than one node reads or writes, as enumerations."""
 
 import enum
 
