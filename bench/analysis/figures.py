@@ -342,7 +342,7 @@ class Figures:
                 group,
                 "time [ms]",
                 "solves",
-                [Curve("all vehicles", "hist.x", "hist.y", colour(1), at="", step=True, fill=True)],
+                [Curve("all vehicles", "hist.x", "hist.y", "ink", at="", step=True, fill=True)],
                 caption=f"Longer than {top:.1f} ms: counted in the last bar.",
                 time=False,
                 y_range=[0.0, 1.0],
