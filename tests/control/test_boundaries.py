@@ -117,6 +117,8 @@ def test_left_and_right_are_treated_alike(
         ((20.0, 0.0), (4.0, 0.0), Limit.ACCELERATION),
         ((20.0, 0.0), (-4.0, 0.0), Limit.ACCELERATION),
         ((20.0, 0.232), (3.0, 0.0), Limit.FRICTION_CIRCLE),
+        # Where both bind, the yaw rate is told: it is the reason.
+        ((20.0, 0.23), (3.0, 1.5), Limit.YAW_RATE),
         ((45.0, 0.0), (1.0, 0.0), Limit.SPEED),
         ((5.0, 0.0), (-1.0, 0.0), Limit.SPEED),
     ],

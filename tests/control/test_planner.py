@@ -239,6 +239,20 @@ def test_same_seed_gives_the_same_run_and_another_seed_another() -> None:
     assert trace(1) != trace(2)
 
 
+def test_order_in_which_the_others_are_told_does_not_matter() -> None:
+    """Bit for bit, so that a run can be repeated. The vehicles are near each other."""
+    places = [(0.0, 7.1), (9.3, 6.9), (-9.1, 7.3), (1.1, 16.3), (-0.7, -1.9)]
+    close = {n: Motion(*place, 19.7 + 0.1 * n, 0.001 * n, 0.003 * n) for n, place in enumerate(places, start=1)}
+
+    def references(numbers: list[int]) -> list[tuple[float, float]]:
+        each = planner(1, 5, chosen=SMALL_SEARCH)
+        each.assign_slots(close, 0.0)
+        outputs = [each.step(k, k * T, close[1], 20.0, {n: close[n] for n in numbers}) for k in range(20)]
+        return [(out.v_x, out.yaw_rate) for out in outputs]
+
+    assert references([2, 3, 4, 5]) == references([5, 3, 4, 2])
+
+
 def test_neighbours_are_those_within_reach() -> None:
     each = planner(1, chosen=SMALL_SEARCH)
     each.assign_slots(STARTS, 0.0)

@@ -107,5 +107,7 @@ def test_matrices_that_are_views_are_read_right() -> None:
     H, g, lower, upper, E, e = problem(4)
     wide = np.repeat(E, 2, axis=1)[:, ::2]
     plain = minimise(H, g, lower, upper, (E, e))
+    wide_H = np.repeat(H, 2, axis=1)[:, ::2]
+    np.testing.assert_array_equal(minimise(wide_H, g, lower, upper, (E, e)).x, plain.x)
     np.testing.assert_array_equal(minimise(H.T, g, lower, upper, (wide, e)).x, plain.x)
     np.testing.assert_array_equal(minimise(H, g, lower, upper, (np.asfortranarray(E), e)).x, plain.x)

@@ -497,8 +497,10 @@ def test_solves_do_not_depend_on_what_was_solved_before() -> None:
     assert again.tau == expected.tau
 
 
-def test_many_operating_points_all_solve() -> None:
+@pytest.mark.parametrize("share", [1.0, 1e9], ids=["usual", "boundless"])
+def test_many_operating_points_all_solve(share: float) -> None:
     steady = controller()
     for seed in range(200):
         point = operating_point(seed)
+        point = replace(point, room=share * point.room)
         assert steady.solve(point.linear, point.chi, point.room).usable, seed
