@@ -291,6 +291,8 @@ def info(fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built
 
 def main() -> None:
     """Run the command; show what went wrong as one message."""
+    # Before numpy is loaded: on matrices of three rows its threads only stand in each other's way.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
     try:
         app()
