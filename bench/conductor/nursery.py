@@ -8,8 +8,10 @@ Not multiprocessing's forkserver: that runs the conductor's main module again in
 command line and the plant into each ECU, and has the environment of the conductor, whose numpy may use many threads.
 """
 
+import faulthandler
 import gc
 import importlib
+import io
 import os
 import pickle
 import select
@@ -105,8 +107,11 @@ class _Nursery:
 
     def _preload(self) -> None:
         # Not at the top: the early children do without these imports and need not wait for them.
+        from bench.bus.codec import load_codecs
         from bench.ecu.main import load_class
 
+        # Reads the DBC files, which it keeps.
+        load_codecs(1)
         for spec in self._brood.preload:
             warm_up = getattr(load_class(spec), "warm_up", None)
             if warm_up is not None:
@@ -156,6 +161,10 @@ def _run(child: Child, ties: Ties, stderrs: Sequence[int]) -> int:
     for stderr in stderrs:
         os.close(stderr)
     set_name(child.name)
+    # So that a crash in compiled code leaves last words, and what was printed before is not lost.
+    faulthandler.enable()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(line_buffering=True)
     module, _, function = child.target.partition(":")
     code = 1
     try:

@@ -1,13 +1,15 @@
 """Passes complete cycles to the log and keeps account of lost frames and E2E errors."""
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from bench.bus.codec import Codec
 from bench.bus.ties import Truth
 from bench.bus.topic import CYCLE_MS
 from bench.conductor.stage import Stage
+from bench.errors import RunFailed
 from bench.record.writer import RunWriter
 
 CYCLE_NS = CYCLE_MS * 1_000_000
@@ -33,7 +35,10 @@ def open_recorder(out: Path, stage: Stage, command_line: Sequence[str]) -> "Reco
 
 
 class Recorder:
-    """Writes cycles in the order of the log: frames, truth, events."""
+    """Writes cycles in the order of the log: frames, truth, events.
+
+    Once the log cannot be written any more, which raises `RunFailed`, nothing more is.
+    """
 
     def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec]) -> None:
         """Record to `writer`."""
@@ -46,6 +51,7 @@ class Recorder:
             if any(signal.name == _LOST for signal in codec.message(name).signals)
         }
         self._health: dict[tuple[str, int], bytes] = {}
+        self._failed = False
         self._strays: set[tuple[str, int]] = set()
 
     def cycle(
@@ -64,7 +70,22 @@ class Recorder:
             truth: its truth rows.
             strays: bus and identifier of frames that should not have come; each is noted once a run.
             words: what processes have written to their standard error, each with its name.
+
+        Raises:
+            RunFailed: the log cannot be written.
         """
+        with self._unless_failed() as writable:
+            if writable:
+                self._cycle(number, frames, truth, strays, words)
+
+    def _cycle(
+        self,
+        number: int,
+        frames: Iterable[tuple[str, int, bytes]],
+        truth: Iterable[Truth],
+        strays: Iterable[tuple[str, int]],
+        words: Sequence[tuple[str, str]],
+    ) -> None:
         write, health_ids = self._writer.frame, self._health_ids
         time_ns, received_ns = number * CYCLE_NS, time.time_ns()
         for bus, can_id, data in frames:
@@ -82,8 +103,14 @@ class Recorder:
             self.event(number, "warning", name, text)
 
     def event(self, cycle: int, level: str, source: str, text: str) -> None:
-        """Record an event at the time of a cycle."""
-        self._writer.event(cycle * CYCLE_NS, level, source, text)
+        """Record an event at the time of a cycle.
+
+        Raises:
+            RunFailed: the log cannot be written.
+        """
+        with self._unless_failed() as writable:
+            if writable:
+                self._writer.event(cycle * CYCLE_NS, level, source, text)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Close the log with the run's result."""
@@ -96,6 +123,15 @@ class Recorder:
     def e2e_errors(self) -> int:
         """E2E errors that plant and ECUs have reported."""
         return self._sum(_ERRORS)
+
+    @contextmanager
+    def _unless_failed(self) -> Iterator[bool]:
+        """Give whether the log can be written, and note where this is the end of that."""
+        try:
+            yield not self._failed
+        except RunFailed:
+            self._failed = True
+            raise
 
     def _sum(self, signal: str) -> int:
         decoded = (self._codecs[bus].decode(can_id, data)[1] for (bus, can_id), data in self._health.items())

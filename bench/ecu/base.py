@@ -27,7 +27,10 @@ class Ecu(Protocol):
     inputs: tuple[Topic, ...]
 
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
-        """Do this cycle's work and return the messages to send, each message of this ECU once.
+        """Do this cycle's work and return the messages to send.
+
+        Every message of this ECU that has E2E protection must be among them, in every cycle: others wait for it. The
+        rest, its diagnostics, go out with their start values where they are left out.
 
         The outcome must follow from the arguments and earlier steps alone: no clock, no I/O; only the values of
         wall-clock messages may come from a timer.

@@ -1,5 +1,6 @@
 """ECUs that misbehave in one way each, for the tests of what the bench makes of it."""
 
+import ctypes
 import json
 import sys
 import threading
@@ -51,6 +52,14 @@ class FailingPlanner(_Wrapped):
         raise ZeroDivisionError("the gap was zero")
 
 
+class CrashingTracker(_Wrapped):
+    kind = _SpeedTracker
+
+    def misbehave(self) -> None:
+        print("reading address 0")  # noqa: T201 - as people do in their ECUs
+        ctypes.string_at(0)
+
+
 class HangingPlanner(_Wrapped):
     kind = _CruisePlanner
 
@@ -65,12 +74,12 @@ class HangingTracker(HangingPlanner):
 
 
 class TaciturnTracker(_Wrapped):
-    """From that cycle on it leaves out its status."""
+    """From that cycle on it leaves out the rear torques."""
 
     kind = _SpeedTracker
 
     def answer(self, cycle: int, outgoing: list[Outgoing]) -> list[Outgoing]:
-        return [message for message in outgoing if cycle < CYCLE or message.message != "TrackerStatus"]
+        return [message for message in outgoing if cycle < CYCLE or message.message != "TorqueCommandRear"]
 
 
 class QuittingTracker(_Wrapped):

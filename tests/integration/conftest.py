@@ -45,6 +45,7 @@ class Watched:
             "ecus": SIMPLE,
             "silence_s": GUARD_S,
             "external": [],
+            "file_limit": 0,
             "out": str(self.out),
         } | given
         paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]

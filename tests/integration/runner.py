@@ -1,6 +1,7 @@
 """Runs a scenario as `platoon run` does, in a process that the tests may kill: its argument is JSON."""
 
 import json
+import resource
 import sys
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from bench.scenario import load
 
 def main() -> int:
     given = json.loads(sys.argv[1])
+    if given["file_limit"]:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (given["file_limit"], given["file_limit"]))
     try:
         result = run(
             load("formation", given["set"]),

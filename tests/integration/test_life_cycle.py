@@ -119,6 +119,28 @@ def test_an_exception_in_one_process_ends_the_run_likewise(start, unruly: Unruly
     read(run.out)
 
 
+def test_a_crash_in_compiled_code_leaves_last_words(start, unruly: Unruly) -> None:
+    run = start(set=LONG, ecus=unruly(tracker="CrashingTracker"))
+    code, _, errors = run.end()
+    assert code == 1
+    assert "in cycle 20 (t = 0.20 s) veh2.tracker" in errors
+    assert "was killed by SIGSEGV; its last words:\nreading address 0\n" in errors
+    assert "in misbehave" in errors
+    run.assert_all_gone()
+
+
+def test_a_full_disk_ends_the_run(start) -> None:
+    run = start(set=LONG, file_limit=300_000)
+    code, _, errors = run.end()
+    assert code == 1
+    assert f"cannot write the log {run.out}" in errors
+    assert "Traceback" not in errors
+    run.assert_all_gone()
+    with pytest.warns(LogDamaged):
+        log = Run(run.out)
+    assert len(log.signal("veh1", "VehicleMotion", "VelocityX")[0]) > 0
+
+
 def test_an_ecu_that_leaves_too_early_is_a_failure(start, unruly: Unruly) -> None:
     run = start(set=LONG, ecus=unruly(tracker="QuittingTracker"))
     code, _, errors = run.end()
@@ -132,7 +154,7 @@ def test_an_ecu_that_leaves_too_early_is_a_failure(start, unruly: Unruly) -> Non
     [
         ({"tracker": "HangingTracker"}, "veh2.tracker sends no SteeringCommand (0x300 on veh2) and 9 more"),
         ({"planner": "HangingPlanner"}, "veh2.planner sends no "),
-        ({"tracker": "TaciturnTracker"}, "sends no TrackerStatus (0x510 on veh"),
+        ({"tracker": "TaciturnTracker"}, "sends no TorqueCommandRear (0x302 on veh"),
     ],
 )
 def test_a_silent_ecu_is_named_with_what_is_missing(
@@ -154,7 +176,7 @@ def test_in_one_process_silence_is_noticed_at_once(start, unruly: Unruly) -> Non
     run = start(set=LONG, ecus=unruly(tracker="TaciturnTracker"), can="direct")
     code, _, errors = run.end()
     assert code == 1
-    assert "veh1.tracker sends no TrackerStatus (0x510 on veh1)" in errors
+    assert "veh1.tracker sends no TorqueCommandRear (0x302 on veh1)" in errors
     read(run.out)
 
 
@@ -171,6 +193,18 @@ def test_an_interrupt_ends_everything_in_order(start, number: signal.Signals, ca
     run.assert_all_gone()
     log = read(run.out)
     assert len(log.signal("veh1", "VehicleMotion", "VelocityX")[0]) >= 20
+
+
+def test_an_interrupt_while_it_starts_ends_it_likewise(start) -> None:
+    run = start(set=LONG)
+    wait_until(run.out.exists, "the log to be there")
+    os.killpg(run.process.pid, signal.SIGINT)
+    code, _, errors = run.end()
+    assert code == 1
+    assert "interrupted by SIGINT" in errors
+    assert "Traceback" not in errors
+    run.assert_all_gone()
+    read(run.out)
 
 
 def test_an_interrupt_also_ends_a_run_with_an_ecu_that_hangs(start, unruly: Unruly) -> None:
