@@ -21,6 +21,9 @@ _FRAME = struct.Struct("=IB3x8s")
 _FILTER = struct.Struct("=II")
 """struct can_filter of linux/can.h: identifier and flags, and which of their bits must be the same."""
 
+_EXACTLY = 0xDFFF_FFFF
+"""All bits of identifier and flags but the error flag, which in a mask means error frames and nothing else."""
+
 _REMOTE_OR_ERROR = 0x6000_0000
 
 
@@ -47,8 +50,7 @@ class SocketcanLink(SocketLink):
 
     def select(self, can_ids: Collection[int]) -> None:
         """See `Link`; the kernel itself leaves the others aside."""
-        exactly = 0xFFFF_FFFF
-        filters = b"".join(_FILTER.pack(can_id, exactly) for can_id in can_ids)
+        filters = b"".join(_FILTER.pack(can_id, _EXACTLY) for can_id in can_ids)
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
 
     def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
