@@ -61,6 +61,23 @@ class BackToBack:
         with ExitStack() as stack:
             yield [stack.enter_context(open_link("veh1", at)) for _ in range(3)]
 
+    def test_what_is_selected_comes(self, links):
+        """Identifiers on both sides of where their encoding grows by a byte."""
+        selected = [0x010, 0x07F, 0x080, 0x0FF, 0x100, 0x7FF]
+        links[1].select(selected)
+        for can_id in sorted([*selected, 0x011, 0x07E, 0x081, 0x0FE, 0x101, 0x7FE]):
+            links[0].send(can_id, b"data")
+        links[0].send(0x010, b"last")
+        got = receive(links[1], len(selected) + 1)
+        while got[-1] != (0x010, b"last"):
+            got += receive(links[1], 1)
+        assert [frame for frame in got if frame[0] in selected] == [
+            *((can_id, b"data") for can_id in selected),
+            (0x010, b"last"),
+        ]
+        if self.address != "direct":
+            assert {can_id for can_id, _ in got} == set(selected)
+
     def test_a_frame_reaches_all_others_and_not_its_sender(self, links):
         links[0].send(0x123, b"\x01\x02\x03")
         assert receive(links[1], 1) == [(0x123, b"\x01\x02\x03")]
