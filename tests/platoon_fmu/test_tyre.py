@@ -38,7 +38,8 @@ slip = st.floats(-50, 50)
 @given(slip, slip, st.floats(0, 12e3), st.floats(0.01, 1.5), st.floats(0.6, 1.4))
 def test_never_outside_the_friction_circle(kappa, tan_alpha, F_z, mu, change):
     F_x, F_y = force(kappa, tan_alpha, F_z=F_z, mu=mu, C_y=change * NOMINAL["C_y"])
-    assert np.hypot(F_x, F_y) <= mu * F_z * (1 + 1e-12)
+    # Below the smallest normal number (2e-308) a load has fewer digits than the comparison asks for.
+    assert np.hypot(F_x, F_y) <= mu * F_z * (1 + 1e-12) + 1e-307
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0.05, 1.2))
