@@ -51,7 +51,8 @@ class UdpLink(SocketLink):
         Raises:
             BadInput: it cannot be opened; the message says what to type.
         """
-        self._unpack = _unpacker()
+        self._pack, self._unpack = _msgpack()
+        self._destination = (GROUP, port)
         super().__init__(name, _open(name, port))
         # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
         self._mark = f"{name}/{os.urandom(8).hex()}"
@@ -60,17 +61,24 @@ class UdpLink(SocketLink):
 
     def send(self, can_id: int, data: bytes) -> None:
         """See `Link`."""
-        message = can.Message(
-            arbitration_id=can_id & ~EXTENDED,
-            data=data,
-            is_extended_id=can_id >= EXTENDED,
-            channel=self._mark,
-            check=False,
-        )
+        # The map that python-can's `pack_message` makes of a message; going there takes three times as long.
+        frame = {
+            "timestamp": 0.0,
+            "arbitration_id": can_id & ~EXTENDED,
+            "is_extended_id": can_id >= EXTENDED,
+            "is_remote_frame": False,
+            "is_error_frame": False,
+            "channel": self._mark,
+            "dlc": len(data),
+            "data": data,
+            "is_fd": False,
+            "bitrate_switch": False,
+            "error_state_indicator": False,
+        }
         try:
-            self._bus.send(message)
-        except can.CanError as error:
-            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error.__cause__}") from error
+            self._socket.sendto(self._pack(frame), self._destination)
+        except OSError as error:
+            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error}") from error
 
     def select(self, can_ids: Collection[int]) -> None:
         """See `Link`.
@@ -129,13 +137,13 @@ def _probe(name: str, port: int) -> None:
             ) from error
 
 
-def _unpacker() -> Callable[[bytes], Any]:
+def _msgpack() -> tuple[Callable[[Any], bytes], Callable[[bytes], Any]]:
+    """Return msgpack's functions that pack and unpack."""
     try:
-        from msgpack import unpackb
+        from msgpack import Packer, unpackb
     except ImportError as error:
         raise BadInput("udp needs the package msgpack; type: pip install msgpack") from error
-    unpack: Callable[[bytes], Any] = unpackb
-    return unpack
+    return Packer().pack, unpackb
 
 
 @contextmanager
