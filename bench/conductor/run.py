@@ -11,6 +11,7 @@ from bench.bus.address import Address, settle
 from bench.bus.codec import load_codecs
 from bench.bus.link import open_link
 from bench.conductor.interrupts import Interrupted, Interrupts
+from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
 from bench.conductor.stage import Stage
 from bench.ecu.main import DEFAULT_ECUS
@@ -98,6 +99,7 @@ def run(
         stage = Stage(scenario, settled, codecs, fmu, read_description(fmu), ecus, external)
         links = {bus: stack.enter_context(open_link(bus, settled)) for bus in codecs}
         interrupts = stack.enter_context(Interrupts())
+        stack.enter_context(as_batch_work())
         lockstep = Lockstep(links, codecs, vehicles, silence_s)
         crew = stage.crew(links, lockstep, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
