@@ -12,6 +12,7 @@ from scipy.linalg import solve_discrete_lyapunov
 
 from bench.control.allocation import allocate
 from bench.control.rmpc import Gain, RobustController, certified_cost
+from bench.control.robust_program import RobustProgram
 from bench.control.semidefinite import SolverStatus
 from bench.control.vehicle_model import LinearModel, VehicleModel
 from platoon_fmu.parameters import VehicleParameters
@@ -272,6 +273,21 @@ def test_inputs_stay_inside_tight_bounds(seed: int) -> None:
         chi = max(successors, key=lambda x: float((x / STATE) @ P_inverse @ (x / STATE)))
 
 
+@pytest.mark.parametrize("seed", POINTS)
+def test_bounds_that_do_not_bind_change_nothing(seed: int) -> None:
+    """So the program need not have them as long as its answer keeps them."""
+    point = operating_point(seed)
+    z = point.chi / STATE / np.linalg.norm(point.chi / STATE)
+    answers = [
+        RobustProgram(3, 1.0, independent=True, bounded=bounded, tolerance=1e-6, max_iterations=60).solve(
+            point.scaled_linear(), z, np.full(3, 100.0)
+        )
+        for bounded in (False, True)
+    ]
+    assert [answer.status for answer in answers] == [SolverStatus.SOLVED] * 2
+    assert answers[0].tau == pytest.approx(answers[1].tau, rel=1e-4)
+
+
 def proof(point: OperatingPoint, gain: Gain) -> tuple[np.ndarray, np.ndarray, Models, np.ndarray, np.ndarray]:
     """What the certificate is asked: K and P, the models, the deviation and the room, all in scaled units."""
     return (
@@ -374,6 +390,14 @@ def test_certificate_refuses_what_is_not_a_number(certified: tuple[OperatingPoin
     broken = K.copy()
     broken[1, 2] = value
     assert certified_cost(broken, P, 1.0, models, z, room) is None
+
+
+@pytest.mark.parametrize("entry", range(3))
+def test_certificate_refuses_a_room_that_is_not_a_number(certified: tuple[OperatingPoint, Gain], entry: int) -> None:
+    K, P, models, z, room = proof(*certified)
+    unknown = room.copy()
+    unknown[entry] = np.nan
+    assert certified_cost(K, P, 1.0, models, z, unknown) is None
 
 
 @settings(max_examples=60)

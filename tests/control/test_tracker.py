@@ -251,7 +251,8 @@ def test_first_fallback_is_the_linear_quadratic_gain() -> None:
 def solver_that_often_fails() -> TrackerSettings:
     """Settings with which about half of the programmes of the slalom take more iterations than allowed."""
     needed = sorted(out.iterations for out in Loop().run(slalom, 1.0).outputs)
-    return TrackerSettings(solver_max_iterations=needed[len(needed) // 2])
+    # In wind they take more than without.
+    return TrackerSettings(solver_max_iterations=needed[2 * len(needed) // 3])
 
 
 def test_second_fallback_is_the_gain_of_the_last_good_step() -> None:
