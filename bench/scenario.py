@@ -20,9 +20,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator, with_co
 from pydantic_core import PydanticCustomError
 
 from bench.bus.topic import CYCLE_MS
-from bench.control.near_identity import check_length
-from bench.control.planner import PlannerSettings, planning_cycles
-from bench.control.tracker import TrackerSettings
+from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
 from bench.errors import BadInput
 from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constant
 from bench.scenario_errors import Source, closest, explain

@@ -6,11 +6,7 @@ positive yaw only. Here |gamma| is used, and the reward for using the boundaries
 is there to remove, so that what is optimised is the trade-off the paper describes: formed fast, inside the boundaries.
 """
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
-from annotated_types import Ge, Gt, Le
 from numba import njit
 from numpy.typing import NDArray
 
@@ -20,76 +16,6 @@ from bench.control.near_identity import input_rates, point, velocity
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-Weight = Annotated[float, Ge(0)]
-Pair = tuple[Annotated[float, Gt(0), Le(20)], Annotated[float, Gt(0), Le(20)]]
-
-
-@dataclass(frozen=True)
-class GeneticSettings:
-    """Settings of the search.
-
-    Attributes:
-        population: candidates in a generation.
-        generations: how often they are bred.
-        horizon_steps: N_t, steps of a rollout.
-        horizon_step_s: length of such a step.
-        mutation: standard deviation of a mutation, as a share of a gain's range.
-        ga: bounds of Ga.
-        gb: bounds of Gb; a candidate with Gb < Ga is evaluated with Gb = Ga.
-        p11: bounds of the longitudinal position gain, 1/s^2.
-        p12: bounds of the lateral position gain, 1/s^2.
-        p21: bounds of the longitudinal velocity gain, 1/s.
-        p22: bounds of the lateral velocity gain, 1/s.
-        position_weight: cost of a squared formation error (1/m^2).
-        velocity_weight: cost of a squared velocity error (s^2/m^2).
-        speed_weight: P_1, cost of not using the reachable speed change (s^2/m^2).
-        yaw_weight: Q_2, cost of not using the allowed yaw rate (s^2/rad^2).
-        boundary_weight: cost of asking for more yaw rate than allowed (s^2/rad^2).
-    """
-
-    population: Annotated[int, Ge(4), Le(200)] = 24
-    generations: Annotated[int, Ge(1), Le(100)] = 6
-    horizon_steps: Annotated[int, Ge(2), Le(200)] = 25
-    horizon_step_s: Annotated[float, Gt(0), Le(0.1)] = 0.04
-    mutation: Annotated[float, Gt(0), Le(1)] = 0.15
-    ga: Pair = (0.5, 3.0)
-    gb: Pair = (0.5, 5.0)
-    p11: Pair = (0.6, 2.0)
-    p12: Pair = (0.9, 2.0)
-    p21: Pair = (1.6, 4.0)
-    p22: Pair = (2.0, 4.0)
-    position_weight: Weight = 1.0
-    velocity_weight: Weight = 0.3
-    speed_weight: Weight = 0.02
-    yaw_weight: Weight = 0.5
-    boundary_weight: Weight = 20.0
-
-    def __post_init__(self) -> None:
-        """Refuse bounds that are the wrong way round.
-
-        Raises:
-            ValueError: the lower bound of a gain is above its upper one, or Ga may be larger than Gb ever can.
-        """
-        for name in ("ga", "gb", "p11", "p12", "p21", "p22"):
-            lower, upper = getattr(self, name)
-            if lower > upper:
-                raise ValueError(f"{name} = [{lower}, {upper}] must be [lower, upper]")
-        if self.ga[1] > self.gb[1]:
-            raise ValueError(
-                f"ga reaches {self.ga[1]} and gb only {self.gb[1]}: Gb must not be below Ga, so gb must reach as far"
-            )
-
-    def bounds(self) -> tuple[Vector, Vector]:
-        """Lower and upper bounds (6,) of Lambda."""
-        pairs = np.array([self.ga, self.gb, self.p11, self.p12, self.p21, self.p22], dtype=np.float64)
-        return pairs[:, 0].copy(), pairs[:, 1].copy()
-
-    def weights(self) -> Vector:
-        """The cost weights (5,) for the compiled rollout."""
-        return np.array(
-            [self.position_weight, self.velocity_weight, self.speed_weight, self.yaw_weight, self.boundary_weight]
-        )
 
 
 @njit(cache=True)
@@ -119,7 +45,7 @@ def rollout_cost(
         field: (4,) eps, d, r, G_h of the flocking law.
         limits: (8,) of `Boundaries.as_vector`.
         length: near-identity length l (m).
-        weights: (5,) of `GeneticSettings.weights`.
+        weights: (5,) of `GeneticSettings.weights` (see `settings`).
         steps: N_t.
         step_s: s.
     """

@@ -15,19 +15,6 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 
-def check_length(length: float, speed: float, step_s: float) -> None:
-    """Refuse an l (m) that makes (15) unstable at a speed (m/s) and step (s).
-
-    Raises:
-        ValueError: l is not in (v T/2, 1): the yaw pole of the Euler step is 1 - v T/l.
-    """
-    least = 0.5 * speed * step_s
-    if not least < length < 1.0:
-        raise ValueError(
-            f"near-identity length {length} m must lie between v T/2 = {least:g} m (v = {speed:g} m/s) and 1 m"
-        )
-
-
 @njit(cache=True)
 def point(X: float, Y: float, theta: float, length: float) -> tuple[float, float]:
     """S (m, m) of (12) from the centre of mass (m, m) and the course (rad)."""

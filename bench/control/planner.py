@@ -7,57 +7,20 @@ both out for itself from the same first broadcasts, and all arrive at the same a
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
 from bench.control.boundaries import Limit, admissible, boundaries, yaw_rate_max
 from bench.control.flocking import acceleration
-from bench.control.genetic import GeneticSettings, search
-from bench.control.near_identity import check_length, input_rates, point, velocity
+from bench.control.genetic import search
+from bench.control.near_identity import input_rates, point, velocity
+from bench.control.settings import PlannerSettings, check_length, planning_cycles
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class PlannerSettings:
-    """Settings of the planner.
-
-    Attributes:
-        planning_interval_s: how often the gains are optimised; a multiple of the cycle.
-        gain_share: how far the gains in use go towards the optimised ones at each interval: in one go (1), the
-            references would have a step at each.
-        near_identity_length_m: l of the near-identity diffeomorphism.
-        adhesion: the tyre-road adhesion mu_a that the planner reckons with.
-        boundary_share: part of the stability boundaries that a reference may use; the rest is for tracking errors.
-        acceleration_max_mps2: largest acceleration and braking asked for.
-        yaw_acceleration_max_radps2: largest change of the yaw rate asked for.
-        speed_min_mps: lowest speed asked for.
-        speed_max_mps: highest speed asked for.
-        sigma_eps: eps of the sigma-norm.
-        reach_factor: r / d, how far neighbours are heard, in gaps.
-        bump_flat: G_h of the bump function.
-        genetic: settings of the search.
-    """
-
-    planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
-    gain_share: Annotated[float, Gt(0), Le(1)] = 0.2
-    near_identity_length_m: float = 0.9
-    adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
-    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.7
-    acceleration_max_mps2: Annotated[float, Gt(0), Le(10)] = 3.0
-    yaw_acceleration_max_radps2: Annotated[float, Gt(0), Le(20)] = 1.5
-    speed_min_mps: Annotated[float, Ge(1)] = 5.0
-    speed_max_mps: Annotated[float, Le(60)] = 45.0
-    sigma_eps: Annotated[float, Gt(0)] = 0.1
-    reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
-    bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2
-    genetic: GeneticSettings = field(default_factory=GeneticSettings)
 
 
 @dataclass(frozen=True)
@@ -301,15 +264,3 @@ class Planner:
         margin = 1.0 - abs(gamma) / yaw_rate_max(v, self._limits[0])
         slot = 0 if self._slot is None else self._slot + 1
         return PlannerOutput(v, gamma, limit, margin, slot, target, neighbours, self._gains, self._cost, optimise_s)
-
-
-def planning_cycles(interval_s: float, step_s: float) -> int:
-    """How many cycles a planning interval has.
-
-    Raises:
-        ValueError: the interval is not a multiple of the cycle.
-    """
-    cycles = round(interval_s / step_s)
-    if cycles < 1 or abs(cycles * step_s - interval_s) > 1e-9:
-        raise ValueError(f"planning interval {interval_s} s must be a multiple of the cycle, {step_s:g} s")
-    return cycles

@@ -3,10 +3,8 @@
 import enum
 from dataclasses import dataclass
 from time import perf_counter
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
 from bench.control.allocation import allocate
@@ -16,6 +14,7 @@ from bench.control.observer_gain import design_gain
 from bench.control.reference import reference_input
 from bench.control.rmpc import Gain, RobustController
 from bench.control.semidefinite import SolverStatus
+from bench.control.settings import TrackerSettings
 from bench.control.target import Target, steady_state_target
 from bench.control.vehicle_model import LinearModel, VehicleModel
 from platoon_fmu.parameters import VehicleParameters
@@ -25,52 +24,6 @@ Matrix = NDArray[np.float64]
 
 SLOWEST_MPS = 3.0
 """The control model divides by v_x: below this speed (m/s) it is evaluated at this speed."""
-
-Positive = Annotated[float, Gt(0)]
-
-
-@dataclass(frozen=True)
-class TrackerSettings:
-    """Settings of the tracker.
-
-    Attributes:
-        offset_free: use the disturbance estimate in the target; false only to show what it is good for.
-        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own;
-            false is the paper's lambda_f = lambda_r.
-        observer_rate: decay rate rho of the observer's error in one cycle.
-        steering_max_rad: largest front steering angle.
-        steering_rate_max_radps: its largest rate.
-        wheel_force_max_n: largest drive or brake force of one wheel.
-        wheel_force_rate_max_nps: its largest rate.
-        yaw_moment_share: part of the wheels' force set aside for the yaw moment.
-        speed_unit_mps: deviation in v_x that costs as much in the robust MPC as one unit of the others.
-        lateral_speed_unit_mps: the same for v_y.
-        yaw_rate_unit_radps: the same for gamma.
-        steering_unit_rad: the same for the steering angle, at `input_weight` 1.
-        force_unit_n: the same for the total drive force.
-        yaw_moment_unit_nm: the same for the yaw moment.
-        input_weight: weight R of the inputs against Q = I.
-        solver_tolerance: of the semidefinite programme; its answer is certified whatever this is.
-        solver_max_iterations: of the semidefinite programme.
-    """
-
-    offset_free: bool = True
-    independent_axles: bool = True
-    observer_rate: Annotated[float, Ge(0.5), Lt(1)] = 0.9
-    steering_max_rad: Annotated[float, Gt(0), Le(1)] = 0.5
-    steering_rate_max_radps: Positive = 3.0
-    wheel_force_max_n: Positive = 3000.0
-    wheel_force_rate_max_nps: Positive = 60_000.0
-    yaw_moment_share: Annotated[float, Gt(0), Lt(1)] = 0.25
-    speed_unit_mps: Positive = 1.0
-    lateral_speed_unit_mps: Positive = 5.0
-    yaw_rate_unit_radps: Positive = 0.2
-    steering_unit_rad: Positive = 0.1
-    force_unit_n: Positive = 2000.0
-    yaw_moment_unit_nm: Positive = 1000.0
-    input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
-    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-3)] = 1e-4
-    solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40
 
 
 class GainSource(enum.IntEnum):

@@ -6,7 +6,8 @@ from time import perf_counter
 
 from bench.bus.states import EcuState, ReferenceState
 from bench.bus.topic import V2V, Health, Outgoing, Signals, Topic, vehicle_bus
-from bench.control.planner import Motion, Planner, PlannerOutput, PlannerSettings, PlatoonGoal
+from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
+from bench.control.settings import PlannerSettings
 from bench.scenario import CYCLE_S, Scenario
 from platoon_fmu.parameters import VehicleParameters
 

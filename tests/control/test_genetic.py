@@ -12,8 +12,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from bench.control.boundaries import admissible, boundaries
 from bench.control.flocking import acceleration
-from bench.control.genetic import GeneticSettings, rollout_cost, search
+from bench.control.genetic import rollout_cost, search
 from bench.control.near_identity import input_rates
+from bench.control.settings import GeneticSettings
 from platoon_fmu.parameters import VehicleParameters
 
 LENGTH = 0.9

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from bench.control.near_identity import check_length, input_rates, point, velocity
+from bench.control.near_identity import input_rates, point, velocity
+from bench.control.settings import check_length
 
 angle = st.floats(-np.pi, np.pi)
 speed = st.floats(1, 40)

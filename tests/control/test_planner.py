@@ -9,16 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.control.boundaries import Limit
-from bench.control.genetic import GeneticSettings
 from bench.control.planner import (
     Motion,
     Planner,
     PlannerOutput,
-    PlannerSettings,
     PlatoonGoal,
-    planning_cycles,
     slot_order,
 )
+from bench.control.settings import GeneticSettings, PlannerSettings, planning_cycles
 from platoon_fmu.parameters import VehicleParameters
 
 T = 0.01

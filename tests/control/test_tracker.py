@@ -14,7 +14,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from bench.control.allocation import allocate
 from bench.control.semidefinite import SolverStatus
-from bench.control.tracker import GainSource, Tracker, TrackerOutput, TrackerSettings
+from bench.control.settings import TrackerSettings
+from bench.control.tracker import GainSource, Tracker, TrackerOutput
 from bench.control.vehicle_model import VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 

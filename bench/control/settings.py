@@ -1,0 +1,189 @@
+"""What a user can set of planner and tracker, each with its range, and what of it must go together.
+
+By themselves, so that reading a scenario need not load the controllers, which takes longer than all else.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+Positive = Annotated[float, Gt(0)]
+Weight = Annotated[float, Ge(0)]
+Pair = tuple[Annotated[float, Gt(0), Le(20)], Annotated[float, Gt(0), Le(20)]]
+
+
+@dataclass(frozen=True)
+class GeneticSettings:
+    """Settings of the search.
+
+    Attributes:
+        population: candidates in a generation.
+        generations: how often they are bred.
+        horizon_steps: N_t, steps of a rollout.
+        horizon_step_s: length of such a step.
+        mutation: standard deviation of a mutation, as a share of a gain's range.
+        ga: bounds of Ga.
+        gb: bounds of Gb; a candidate with Gb < Ga is evaluated with Gb = Ga.
+        p11: bounds of the longitudinal position gain, 1/s^2.
+        p12: bounds of the lateral position gain, 1/s^2.
+        p21: bounds of the longitudinal velocity gain, 1/s.
+        p22: bounds of the lateral velocity gain, 1/s.
+        position_weight: cost of a squared formation error (1/m^2).
+        velocity_weight: cost of a squared velocity error (s^2/m^2).
+        speed_weight: P_1, cost of not using the reachable speed change (s^2/m^2).
+        yaw_weight: Q_2, cost of not using the allowed yaw rate (s^2/rad^2).
+        boundary_weight: cost of asking for more yaw rate than allowed (s^2/rad^2).
+    """
+
+    population: Annotated[int, Ge(4), Le(200)] = 24
+    generations: Annotated[int, Ge(1), Le(100)] = 6
+    horizon_steps: Annotated[int, Ge(2), Le(200)] = 25
+    horizon_step_s: Annotated[float, Gt(0), Le(0.1)] = 0.04
+    mutation: Annotated[float, Gt(0), Le(1)] = 0.15
+    ga: Pair = (0.5, 3.0)
+    gb: Pair = (0.5, 5.0)
+    p11: Pair = (0.6, 2.0)
+    p12: Pair = (0.9, 2.0)
+    p21: Pair = (1.6, 4.0)
+    p22: Pair = (2.0, 4.0)
+    position_weight: Weight = 1.0
+    velocity_weight: Weight = 0.3
+    speed_weight: Weight = 0.02
+    yaw_weight: Weight = 0.5
+    boundary_weight: Weight = 20.0
+
+    def __post_init__(self) -> None:
+        """Refuse bounds that are the wrong way round.
+
+        Raises:
+            ValueError: the lower bound of a gain is above its upper one, or Ga may be larger than Gb ever can.
+        """
+        for name in ("ga", "gb", "p11", "p12", "p21", "p22"):
+            lower, upper = getattr(self, name)
+            if lower > upper:
+                raise ValueError(f"{name} = [{lower}, {upper}] must be [lower, upper]")
+        if self.ga[1] > self.gb[1]:
+            raise ValueError(
+                f"ga reaches {self.ga[1]} and gb only {self.gb[1]}: Gb must not be below Ga, so gb must reach as far"
+            )
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Lower and upper bounds (6,) of Lambda."""
+        pairs = np.array([self.ga, self.gb, self.p11, self.p12, self.p21, self.p22], dtype=np.float64)
+        return pairs[:, 0].copy(), pairs[:, 1].copy()
+
+    def weights(self) -> Vector:
+        """The cost weights (5,) for the compiled rollout."""
+        return np.array(
+            [self.position_weight, self.velocity_weight, self.speed_weight, self.yaw_weight, self.boundary_weight]
+        )
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """Settings of the planner.
+
+    Attributes:
+        planning_interval_s: how often the gains are optimised; a multiple of the cycle.
+        gain_share: how far the gains in use go towards the optimised ones at each interval: in one go (1), the
+            references would have a step at each.
+        near_identity_length_m: l of the near-identity diffeomorphism.
+        adhesion: the tyre-road adhesion mu_a that the planner reckons with.
+        boundary_share: part of the stability boundaries that a reference may use; the rest is for tracking errors.
+        acceleration_max_mps2: largest acceleration and braking asked for.
+        yaw_acceleration_max_radps2: largest change of the yaw rate asked for.
+        speed_min_mps: lowest speed asked for.
+        speed_max_mps: highest speed asked for.
+        sigma_eps: eps of the sigma-norm.
+        reach_factor: r / d, how far neighbours are heard, in gaps.
+        bump_flat: G_h of the bump function.
+        genetic: settings of the search.
+    """
+
+    planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
+    gain_share: Annotated[float, Gt(0), Le(1)] = 0.2
+    near_identity_length_m: float = 0.9
+    adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
+    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.7
+    acceleration_max_mps2: Annotated[float, Gt(0), Le(10)] = 3.0
+    yaw_acceleration_max_radps2: Annotated[float, Gt(0), Le(20)] = 1.5
+    speed_min_mps: Annotated[float, Ge(1)] = 5.0
+    speed_max_mps: Annotated[float, Le(60)] = 45.0
+    sigma_eps: Annotated[float, Gt(0)] = 0.1
+    reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
+    bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2
+    genetic: GeneticSettings = field(default_factory=GeneticSettings)
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Settings of the tracker.
+
+    Attributes:
+        offset_free: use the disturbance estimate in the target; false only to show what it is good for.
+        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own;
+            false is the paper's lambda_f = lambda_r.
+        observer_rate: decay rate rho of the observer's error in one cycle.
+        steering_max_rad: largest front steering angle.
+        steering_rate_max_radps: its largest rate.
+        wheel_force_max_n: largest drive or brake force of one wheel.
+        wheel_force_rate_max_nps: its largest rate.
+        yaw_moment_share: part of the wheels' force set aside for the yaw moment.
+        speed_unit_mps: deviation in v_x that costs as much in the robust MPC as one unit of the others.
+        lateral_speed_unit_mps: the same for v_y.
+        yaw_rate_unit_radps: the same for gamma.
+        steering_unit_rad: the same for the steering angle, at `input_weight` 1.
+        force_unit_n: the same for the total drive force.
+        yaw_moment_unit_nm: the same for the yaw moment.
+        input_weight: weight R of the inputs against Q = I.
+        solver_tolerance: of the semidefinite programme; its answer is certified whatever this is.
+        solver_max_iterations: of the semidefinite programme.
+    """
+
+    offset_free: bool = True
+    independent_axles: bool = True
+    observer_rate: Annotated[float, Ge(0.5), Lt(1)] = 0.9
+    steering_max_rad: Annotated[float, Gt(0), Le(1)] = 0.5
+    steering_rate_max_radps: Positive = 3.0
+    wheel_force_max_n: Positive = 3000.0
+    wheel_force_rate_max_nps: Positive = 60_000.0
+    yaw_moment_share: Annotated[float, Gt(0), Lt(1)] = 0.25
+    speed_unit_mps: Positive = 1.0
+    lateral_speed_unit_mps: Positive = 5.0
+    yaw_rate_unit_radps: Positive = 0.2
+    steering_unit_rad: Positive = 0.1
+    force_unit_n: Positive = 2000.0
+    yaw_moment_unit_nm: Positive = 1000.0
+    input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
+    solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-3)] = 1e-4
+    solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40
+
+
+def check_length(length: float, speed: float, step_s: float) -> None:
+    """Refuse an l (m) that makes (15) unstable at a speed (m/s) and step (s).
+
+    Raises:
+        ValueError: l is not in (v T/2, 1): the yaw pole of the Euler step is 1 - v T/l.
+    """
+    least = 0.5 * speed * step_s
+    if not least < length < 1.0:
+        raise ValueError(
+            f"near-identity length {length} m must lie between v T/2 = {least:g} m (v = {speed:g} m/s) and 1 m"
+        )
+
+
+def planning_cycles(interval_s: float, step_s: float) -> int:
+    """How many cycles a planning interval has.
+
+    Raises:
+        ValueError: the interval is not a multiple of the cycle.
+    """
+    cycles = round(interval_s / step_s)
+    if cycles < 1 or abs(cycles * step_s - interval_s) > 1e-9:
+        raise ValueError(f"planning interval {interval_s} s must be a multiple of the cycle, {step_s:g} s")
+    return cycles
