@@ -1,11 +1,13 @@
-"""The command `platoon`. Exit codes: 0 done, 1 the run failed or did not form a platoon, 2 bad input.
+"""The command `platoon`; its exit codes are in `EXIT_CODES`.
 
 What a command needs is imported inside it, so that help and the start of a run do not wait for the rest.
 """
 
+import errno
 import json
 import os
 import sys
+import tempfile
 import warnings
 from datetime import datetime
 from enum import StrEnum
@@ -20,7 +22,7 @@ from platoon_fmu.errors import FmuError
 LOGS = Path("logs")
 """Where runs land if not told otherwise, in the working directory."""
 
-EXIT_CODES = "Exit codes: 0 done, 1 the run failed or did not form a platoon, 2 bad input."
+EXIT_CODES = "Exit codes: 0 done, 1 the run failed, formed no platoon or had vehicles too near each other, 2 bad input."
 
 app = typer.Typer(
     name="platoon",
@@ -107,6 +109,7 @@ def run(
         )
 
     from bench.analysis.metrics import compute
+    from bench.analysis.requirements import LEAST_DISTANCE_M
     from bench.record.reader import Run
 
     recorded = Run(result.path)
@@ -119,8 +122,14 @@ def run(
         report = _report_path(result.path)
         write(recorded, report)
         typer.echo(f"report: {report}")
+    failures = []
     if figures.formation_time_s is None:
-        typer.echo(f"platoon: {loaded.name} did not form a platoon in {loaded.duration_s:g} s", err=True)
+        failures.append(f"did not form a platoon in {loaded.duration_s:g} s")
+    if figures.least_distance_m is not None and figures.least_distance_m <= LEAST_DISTANCE_M:
+        least = f"{figures.least_distance_m:.2f} m of each other, centre to centre"
+        failures.append(f"brought vehicles within {least}, where {LEAST_DISTANCE_M:g} m is the least")
+    if failures:
+        typer.echo(f"platoon: {loaded.name} {' and '.join(failures)}", err=True)
         raise typer.Exit(1)
 
 
@@ -150,11 +159,13 @@ def report(
     from bench.analysis.report import write
     from bench.record.reader import Run
 
-    target = out or _report_path(log)
     recorded = Run(_readable(log))
-    _check_directory(target)
+    target = out or _report_path(log)
     if target.is_dir():
         raise BadInput(f"{target} is a directory; give a file: -o {target}/report.html")
+    # So that no log, of this run or another, is ever written over.
+    _check_suffix(target, ".html")
+    _check_directory(target)
     write(recorded, target)
     typer.echo(str(target))
 
@@ -240,8 +251,12 @@ def build(
     from platoon_fmu import build as builder
 
     directory = out or builder.default_directory()
-    if directory.exists() and not directory.is_dir():
-        raise BadInput(f"{directory} is no directory")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise BadInput(f"{directory}: the FMU cannot be put there: {error.strerror}") from error
     fmu = builder.build(directory, on_start=lambda: typer.echo("Building the vehicle FMU ...", err=True))
     typer.echo(str(fmu))
 
@@ -268,15 +283,19 @@ def validate(
 @fmu_app.command()
 def info(fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None) -> None:
     """List an FMU's variables: name, causality, start value, unit, description."""
-    import zipfile
-
     import fmpy
+
+    from platoon_fmu.validate import check_archive
 
     path = _fmu_path(fmu)
     try:
+        check_archive(path)
         description = fmpy.read_model_description(str(path), validate=False)
-    except (OSError, KeyError, zipfile.BadZipFile, SyntaxError) as error:
-        raise BadInput(f"{path} is no FMU: {error}") from error
+    except FmuError as error:
+        raise BadInput(str(error)) from error
+    except Exception as error:
+        # What fmpy makes of any other XML file is not to be foreseen.
+        raise BadInput(f"{path} is no FMU: its modelDescription.xml cannot be read: {error}") from error
     kinds = [
         name
         for name, kind in (("Model Exchange", description.modelExchange), ("Co-Simulation", description.coSimulation))
@@ -299,6 +318,12 @@ def main() -> None:
     except (BenchError, FmuError) as error:
         typer.echo(f"platoon: {error}", err=True)
         sys.exit(error.exit_code if isinstance(error, BenchError) else 1)
+    except OSError as error:
+        # Asking whether a file is there already fails on this; of all that can be wrong with a name only on this.
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True)
+        sys.exit(BadInput.exit_code)
 
 
 def _ecu_classes(chosen: list[str]) -> dict[str, str]:
@@ -332,12 +357,28 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
         # With milliseconds, so that runs started together get a log each.
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
         return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
+    _check_suffix(out, ".mcap")
     _check_directory(out)
     targets = [out, _report_path(out)] if with_report else [out]
     for target in targets:
-        if target.exists():
+        if os.path.lexists(target):
             raise BadInput(f"{target} is there already; give another --out, or remove it")
+    try:
+        out.touch(exist_ok=False)
+        out.unlink()
+    except OSError as error:
+        raise BadInput(f"{out} cannot be made: {error.strerror}") from error
     return out
+
+
+def _check_suffix(target: Path, suffix: str) -> None:
+    """Refuse a file name that says something else than what is to be written.
+
+    Raises:
+        BadInput: it does not end in `suffix`.
+    """
+    if target.suffix.lower() != suffix:
+        raise BadInput(f"{target}: want a name that ends in {suffix}")
 
 
 def _check_directory(target: Path) -> None:

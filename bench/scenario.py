@@ -179,7 +179,10 @@ class Scenario(BaseModel):
         """Return what the planner would refuse, by the planner's own rules."""
         problems: list[Problem] = []
         low, high = self.planner.speed_min_mps, self.planner.speed_max_mps
-        if not low <= self.platoon.speed_mps <= high:
+        if low > high:
+            text = f"= {high:g} is below planner.speed_min_mps = {low:g}; allowed: at least that"
+            problems.append((("planner", "speed_max_mps"), text))
+        elif not low <= self.platoon.speed_mps <= high:
             text = (
                 f"= {self.platoon.speed_mps} is outside planner.speed_min_mps to planner.speed_max_mps;"
                 f" allowed: {low:g} to {high:g}"

@@ -31,7 +31,7 @@ def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]
     )
     with Progress(*columns, console=console) as progress:
         task = progress.add_task(name, total=duration_s)
-        yield lambda time_s: progress.update(task, completed=time_s)
+        yield lambda time_s: progress.update(task, completed=min(time_s, duration_s))
 
 
 def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], None]:
@@ -42,7 +42,7 @@ def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], 
         step = int(PLAIN_STEPS * time_s / duration_s + 1e-9)
         if step > told:
             told = step
-            console.print(f"{name}: {time_s:.1f} of {duration_s:g} s simulated", highlight=False)
+            console.print(f"{name}: {min(time_s, duration_s):.1f} of {duration_s:g} s simulated", highlight=False)
 
     return tell
 

@@ -11,8 +11,12 @@ from platoon_fmu.errors import FmuError
 _RUN_S = 0.1
 
 
-def _read(fmu: Path) -> None:
-    """Raises FmuError where the file is no FMU at all."""
+def check_archive(fmu: Path) -> None:
+    """Refuses a file that is no FMU at all.
+
+    Raises:
+        FmuError: it is missing, no zip file, damaged, or has no modelDescription.xml.
+    """
     if not fmu.is_file():
         raise FmuError(f"{fmu}: no such file")
     try:
@@ -51,7 +55,9 @@ def validate(fmu: Path) -> list[str]:
     Raises:
         FmuError: the file is missing, damaged or no FMU.
     """
-    _read(fmu)
+    check_archive(fmu)
+    # fmpy changes the working directory while it runs an FMU, and stays there where that fails.
+    fmu = fmu.resolve()
     import fmpy
     from fmpy.validation import validate_fmu
 

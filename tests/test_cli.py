@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -82,7 +83,19 @@ def test_run_writes_to_logs_by_default_and_fails_where_no_platoon_was_formed(tmp
         (["--clock", "realtime"], "--clock realtime: no such clock; allowed: lockstep"),
         (["--ecu", "tracker"], "--ecu tracker: want ROLE=CLASS"),
         (["--ecu", "tracker=no.such.module:Tracker", "--can", "direct"], "no.such.module"),
+        (["--ecu", "tracker=no.such.module:Tracker"], "no.such.module"),
+        (["--ecu", "tracker=json:dumps"], "json has no class dumps"),
         (["--external", "veh9.tracker", "--can", "direct"], "veh9.tracker"),
+        (["--external", "veh1.tracker", "--can", "direct"], "with --can direct all is in one process"),
+        (["--external", "veh1.tracker"], "give the port, as in --can udp:45000"),
+        (["--set", "planner.speed_max_mps=3.0"], "planner.speed_max_mps = 3 is below planner.speed_min_mps = 5"),
+        (["--set", "planner.sigma_eps=1e-308"], "planner.sigma_eps = 1e-308 is not allowed"),
+        (["--set", "tracker.force_unit_n=1e-300"], "tracker.force_unit_n = 1e-300 is not allowed"),
+        (["--out", "run.html"], "run.html: want a name that ends in .mcap"),
+        (["--out", ""], "want a name that ends in .mcap"),
+        (["--out", f"{'x' * 300}.mcap"], "File name too long"),
+        (["--out", "/proc/run.mcap"], "/proc/run.mcap cannot be made"),
+        (["x" * 5000], "File name too long"),
         (["--out", "nowhere/run.mcap"], "there is no directory nowhere; make it with: mkdir -p nowhere"),
         (["--no-such-option"], "No such option"),
     ],
@@ -138,6 +151,35 @@ def test_metrics_gives_every_figure_from_the_log_alone(platoon_log):
     table = platoon("metrics", str(log), cwd=log.parent)
     assert table.returncode == 0
     assert "veh3" in table.stdout
+
+
+def test_vehicles_that_came_too_near_each_other_fail_the_run(tmp_path):
+    """A platoon faster than the vehicles can catch up with: they crowd."""
+    fast = ["--set", "platoon.speed_mps=39.9", "--set", "duration_s=5.0"]
+    done = platoon("run", "formation", *fast, "--can", "direct", "--no-report", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "where 4 m is the least" in done.stderr
+
+
+def test_a_report_never_takes_the_place_of_a_log(platoon_log, tmp_path):
+    log, _ = platoon_log
+    before = log.read_bytes()
+    assert "want a name that ends in .html" in refused("report", str(log), "-o", str(log), cwd=tmp_path)
+    assert log.read_bytes() == before
+
+
+def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path):
+    (tmp_path / "file").touch()
+    for place in ("file", "file/inside", "/proc/inside"):
+        message = refused("fmu", "build", "-o", place, cwd=tmp_path)
+        assert f"{place}: the FMU cannot be put there" in message
+        assert "Building" not in message
+
+
+def test_fmu_info_of_another_archive_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", "<foo/>")
+    assert "other.fmu is no FMU" in refused("fmu", "info", "other.fmu", cwd=tmp_path)
 
 
 def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path):
@@ -218,4 +260,5 @@ def test_exit_codes_are_told_in_help(tmp_path):
     for arguments in (["--help"], ["run", "--help"]):
         done = platoon(*arguments, cwd=tmp_path)
         assert done.returncode == 0
-        assert "0 done, 1 the run failed or did not form a platoon, 2 bad input" in done.stdout
+        told = "0 done, 1 the run failed, formed no platoon or had vehicles too near each other, 2 bad input"
+        assert told in done.stdout

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis.boundary import margin, yaw_rate_max
-from bench.analysis.motion import Array, motion, rows_at
+from bench.analysis.motion import Array, motion, rows_at, told
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
@@ -288,14 +288,14 @@ class Figures:
 
     def _flocking(self) -> None:
         group = "Optimised flocking parameters"
-        for message, solid, dashed, title in (
-            ("PlannerPotential", "Ga", "Gb", "Potential: G_a (solid), G_b (dashed)"),
-            ("PlannerGains", "P11", "P22", "Gains p11 (solid), p22 (dashed)"),
-            ("PlannerGains", "P12", "P21", "Gains p12 (solid), p21 (dashed)"),
+        for message, solid, dashed, title, unit in (
+            ("PlannerPotential", "Ga", "Gb", "Potential: G_a (solid), G_b (dashed)", "m/s²"),
+            ("PlannerGains", "P11", "P12", "Position gains: p11 (solid), p12 (dashed)", "1/s²"),
+            ("PlannerGains", "P21", "P22", "Velocity gains: p21 (solid), p22 (dashed)", "1/s"),
         ):
             curves = self._each(message, solid, f"flock.{solid}", step=True)
             curves += self._each(message, dashed, f"flock.{dashed}", dash=True, step=True)
-            self._add_if(self._over_time(f"flock{solid}", title, group, "value", curves, y_range=[0.0, 1.0]))
+            self._add_if(self._over_time(f"flock{solid}", title, group, f"value [{unit}]", curves, y_range=[0.0, 1.0]))
 
     def _solvers(self) -> None:
         group = "Solver and computing time"
@@ -397,10 +397,9 @@ class Figures:
 
     def _signal(self, v: int, message: str, signal: str) -> Array | None:
         """Return a signal at the truth's times, NaN where it is missing; None where it was not recorded."""
-        bus = f"veh{v}"
-        if not self._run.has(bus, message):
+        columns = told(self._run, v, message)
+        if columns is None:
             return None
-        columns = self._run.message(bus, message)
         rows, at = rows_at(columns["t"], self._truth.t)
         values = np.full(len(self._truth.t), np.nan)
         values[at] = columns[signal][rows]

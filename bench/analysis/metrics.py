@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.boundary import margin
-from bench.analysis.motion import Array, Motion, motion, rows_at
+from bench.analysis.motion import Array, Motion, motion, rows_at, told
 from bench.record import Run
+from bench.scenario import CYCLE_S
 
 GAP_BAND_M = 0.5
 SPEED_BAND_MPS = 0.2
@@ -17,10 +18,9 @@ LATERAL_BAND_M = 0.2
 YAW_BAND_RAD = 0.01
 
 _MICROSECONDS_PER_MS = 1000.0
-# Values of the DBC's tables for TrackerStatus: GainSource, SolverStatus and State.
+# Values of the DBC's tables for TrackerStatus: GainSource and SolverStatus.
 _GAIN_FROM_SDP = 0
 _NOT_RUN = 6
-_INIT = 0
 
 
 @dataclass(frozen=True)
@@ -153,17 +153,11 @@ def _each(values: Array) -> list[tuple[int, Array]]:
 
 def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float | None:
     """Return the root mean square of truth minus reference over the cycles that had one."""
-    bus = f"veh{vehicle}"
-    if not run.has(bus, "TrackerReferenceState"):
+    reference = told(run, vehicle, "TrackerReferenceState")
+    if reference is None:
         return None
-    times, values = run.signal(bus, "TrackerReferenceState", signal)
-    if run.has(bus, "TrackerStatus"):
-        # A tracker that has not begun sends no reference worth the name.
-        status = run.message(bus, "TrackerStatus")
-        begun = rows_at(times, status["t"][status["State"] != _INIT])[0]
-        times, values = times[begun], values[begun]
-    rows, at = rows_at(times, t)
-    return float(np.sqrt(np.mean((truth[at] - values[rows]) ** 2))) if len(rows) else None
+    rows, at = rows_at(reference["t"], t)
+    return float(np.sqrt(np.mean((truth[at] - reference[signal][rows]) ** 2))) if len(rows) else None
 
 
 def _percentiles(run: Run, message: str, signal: str) -> dict[str, float]:
@@ -190,8 +184,9 @@ def _last_sum(run: Run, signal: str) -> int:
 
 def _duration(run: Run, truth: Motion) -> float:
     cycles = _number(run.result.get("cycles"))
-    step = float(truth.t[1] - truth.t[0]) if len(truth.t) > 1 else 0.0
-    return cycles * step if cycles and step else float(truth.t[-1] - truth.t[0]) + step
+    if cycles:
+        return cycles * CYCLE_S
+    return float(truth.t[-1] - truth.t[0]) + CYCLE_S
 
 
 def _number(text: str | None) -> float | None:

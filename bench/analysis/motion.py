@@ -10,8 +10,13 @@ import numpy.typing as npt
 
 from bench.errors import BadInput
 from bench.record import Run
+from bench.record.reader import Columns
 
 Array = npt.NDArray[np.float64]
+
+_OF_TRACKER = ("TrackerDisturbance", "TrackerReferenceState", "TrackerReferenceInput", "TrackerTarget")
+_INIT = 0
+"""The DBC's value of TrackerStatus.State before the first reference."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,21 @@ def _order(run: Run, start: Array) -> tuple[int, ...]:
     if len(set(slots)) == run.vehicles:
         return tuple(int(index) for index in np.argsort(slots))
     return tuple(int(index) for index in np.argsort(-start, kind="stable"))
+
+
+def told(run: Run, vehicle: int, message: str) -> Columns | None:
+    """Return what an ECU of a vehicle has said in a message, `t` and signals by name; None where there is nothing.
+
+    What a tracker says of its reference and estimate before it has begun, or if it never does, is no statement.
+    """
+    bus = f"veh{vehicle}"
+    if not run.has(bus, message):
+        return None
+    columns = run.message(bus, message)
+    if message in _OF_TRACKER and run.has(bus, "TrackerStatus"):
+        status = run.message(bus, "TrackerStatus")
+        columns = columns.select(rows_at(columns["t"], status["t"][status["State"] != _INIT])[0])
+    return columns if len(columns["t"]) else None
 
 
 def rows_at(times: Array, t: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:

@@ -25,9 +25,13 @@ def write(run: Run, out: Path) -> None:
         BadInput: the log has no truth or no scenario, or the file cannot be written.
     """
     page = render(run)
+    # Written aside and moved into place, so that a full disk leaves no half of it.
+    aside = out.with_name(f".{out.name}.part")
     try:
-        out.write_text(page, encoding="utf-8")
+        aside.write_text(page, encoding="utf-8")
+        aside.replace(out)
     except OSError as error:
+        aside.unlink(missing_ok=True)
         raise BadInput(f"cannot write the report {out}: {error.strerror or error}") from error
 
 
@@ -43,8 +47,8 @@ def render(run: Run) -> str:
         "STYLE": _asset("page.css"),
         "SCRIPT": _asset("page.js"),
         "PICTURE": snapshots(run),
-        # `</` must not end the script element that holds the data.
-        "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"),
+        # No text of the log may end or begin an element inside the one that holds the data.
+        "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
     page = _asset("page.html")
     for name, text in parts.items():

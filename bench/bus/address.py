@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from can.interfaces import VALID_INTERFACES
+
 from bench.bus.codec import MAX_VEHICLES, bus_names
 from bench.bus.direct import Hub
 from bench.bus.socketcan import require_links
@@ -56,6 +58,9 @@ class Address:
         if not (interface and channel):
             raise BadInput(f"--can {text}: not a bus; {_ALLOWED}")
         if interface != "udp":
+            # python-can's own name for `udp` has a group as its channel, and the bench needs ports.
+            if interface == "udp_multicast" or interface not in VALID_INTERFACES:
+                raise BadInput(f"--can {text}: no such interface; {_ALLOWED}")
             return cls(interface, channel)
         if not (channel.isdecimal() and 1024 <= int(channel) <= _LAST_PORT):
             raise BadInput(f"--can {text}: PORT must be a whole number from 1024 to {_LAST_PORT}")

@@ -74,6 +74,6 @@ def open_interface(name: str, interface: str, channel: str) -> InterfaceLink:
     """
     try:
         bus = can.Bus(interface=interface, channel=channel, bitrate=BIT_RATE)
-    except (can.CanError, OSError, ImportError, ValueError) as error:
+    except Exception as error:
         raise BadInput(f"bus {name}: python-can cannot open {interface}:{channel}: {error}") from error
     return InterfaceLink(name, bus)

@@ -67,18 +67,18 @@ def require_links(channels: Iterable[str]) -> None:
     Raises:
         BadInput: something is missing; the message says what to type for all of it.
     """
+    commands = "".join(f"\n  {command}" for channel in channels for command in _missing(channel))
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except OSError as error:
         raise BadInput(
             f"this kernel has no SocketCAN loaded ({error.strerror}); use --can udp, or type:\n"
-            "  sudo modprobe -a can_raw vcan\n"
-            "and where there is no such module, on Ubuntu:\n"
+            f"  sudo modprobe -a can_raw vcan{commands}\n"
+            "and where there is no such module, on Ubuntu first:\n"
             "  sudo apt-get install linux-modules-extra-$(uname -r)"
         ) from error
-    commands = [command for channel in channels for command in _missing(channel)]
     if commands:
-        raise BadInput("not all CAN links are there and up; type:\n  " + "\n  ".join(commands))
+        raise BadInput(f"not all CAN links are there and up; type:{commands}")
 
 
 def _missing(channel: str) -> list[str]:

@@ -108,14 +108,11 @@ class _Nursery:
     def _preload(self) -> None:
         # Not at the top: the early children do without these imports and need not wait for them.
         from bench.bus.codec import load_codecs
-        from bench.ecu.main import load_class
+        from bench.ecu.main import load_classes
 
         # Reads the DBC files, which it keeps.
         load_codecs(1)
-        for spec in self._brood.preload:
-            warm_up = getattr(load_class(spec), "warm_up", None)
-            if warm_up is not None:
-                warm_up()
+        load_classes(self._brood.preload)
         # What is imported stays: no garbage collection need look at it, in no child.
         gc.collect()
         gc.freeze()

@@ -14,7 +14,7 @@ from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
 from bench.conductor.stage import Stage
-from bench.ecu.main import DEFAULT_ECUS
+from bench.ecu.main import DEFAULT_ECUS, ecu_name, load_class
 from bench.errors import BadInput, RunFailed
 from bench.plant.description import read_description
 from bench.scenario import Scenario
@@ -84,7 +84,8 @@ def run(
         silence_s: wall-clock time in s without a frame after which the run has failed.
 
     Raises:
-        BadInput: the log exists, the FMU is missing, a bus cannot be opened; nothing was started or written.
+        BadInput: the log exists, the FMU is missing, an ECU cannot be loaded, a bus cannot be opened; nothing was
+            started or written.
         RunFailed: a process ended or fell silent; the log is closed and holds all up to then.
         Interrupted: SIGINT, SIGTERM or SIGHUP came; the log likewise.
     """
@@ -93,6 +94,7 @@ def run(
         raise BadInput(f"the log {out} exists; give another file with --out, or remove it")
     fmu = fmu or _built_fmu()
     vehicles = len(scenario.vehicles)
+    _check_ecus(ecus, external, vehicles, address)
     with ExitStack() as stack:
         settled = stack.enter_context(settle(address, vehicles))
         codecs = load_codecs(vehicles)
@@ -141,8 +143,32 @@ def run(
             )
     if ending.status == "completed":
         return RunResult(out, lockstep.wall_s, startup_s, lockstep.cycles, lost)
-    kind = Interrupted if ending.status == "interrupted" else RunFailed
-    raise kind(f"The run has {ending.status}: {ending.reason}\nThe log up to there is {out}")
+    there = f"The log up to there is {out}"
+    if ending.status == "interrupted":
+        raise Interrupted(f"The run was {ending.reason}\n{there}")
+    raise RunFailed(f"The run has failed: {ending.reason}\n{there}")
+
+
+def _check_ecus(ecus: Mapping[str, str], external: Collection[str], vehicles: int, address: Address) -> None:
+    """Refuse ECUs that cannot be loaded, and external ones that could not take part.
+
+    Raises:
+        BadInput: see there.
+    """
+    names = [ecu_name(role, vehicle) for role in ecus for vehicle in range(1, vehicles + 1)]
+    unknown = [name for name in external if name not in names]
+    if unknown:
+        raise BadInput(f"--external {', '.join(unknown)}: the scenario has {', '.join(names)}")
+    if external and address.hub is not None:
+        raise BadInput(
+            "--external: with --can direct all is in one process; allowed: --can udp:PORT, vcan, IFACE:CHANNEL"
+        )
+    if external and address == Address.parse("udp"):
+        raise BadInput("--external: the ECU must know where the buses are; give the port, as in --can udp:45000")
+    for role, spec in ecus.items():
+        # The bench's own are not tried here: that would import what the conductor does not need.
+        if spec != DEFAULT_ECUS.get(role):
+            load_class(spec)
 
 
 def _built_fmu() -> Path:

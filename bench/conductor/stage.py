@@ -21,8 +21,7 @@ from bench.bus.topic import PLANT, Topic
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew
 from bench.conductor.interrupts import Interrupts
-from bench.ecu.main import buses_of, ecu_name, make_node
-from bench.errors import BadInput
+from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
 from bench.plant.description import FmuDescription
 from bench.scenario import Scenario
 
@@ -60,14 +59,9 @@ class Stage:
         """Start plant and ECUs; `stack` sees to their end.
 
         Raises:
-            BadInput: an external ECU that the scenario does not have; in one process also: an ECU's class cannot be
-                loaded or takes what is not on its buses.
+            BadInput: in one process: an ECU's class cannot be loaded or takes what is not on its buses.
             RunFailed: in one process: the FMU cannot be loaded.
         """
-        names = [ecu_name(role, vehicle) for role, vehicle in self._roles()]
-        unknown = [name for name in self.external if name not in names]
-        if unknown:
-            raise BadInput(f"external ECU {', '.join(unknown)}: the scenario has {', '.join(names)}")
         if self.address.hub is None:
             crew = ProcessCrew(self._members(), tuple(self.ecus.values()), links, listener, interrupts)
             return stack.enter_context(crew)
@@ -120,6 +114,8 @@ class Stage:
     def _nodes(self, listener: Listener, stack: ExitStack) -> tuple[list[Node], dict[str, Sequence[Topic]]]:
         # The plant's imports are for this process only if it is the plant.
         from bench.plant.main import make_nodes
+
+        load_classes(self.ecus.values())
 
         def truth(vehicle: int, cycle: int, values: Sequence[float]) -> None:
             listener.truth(Truth(vehicle, cycle, tuple(values)))

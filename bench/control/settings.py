@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-Positive = Annotated[float, Gt(0)]
-Weight = Annotated[float, Ge(0)]
-Pair = tuple[Annotated[float, Gt(0), Le(20)], Annotated[float, Gt(0), Le(20)]]
+Unit = Annotated[float, Ge(1e-3), Le(1e5)]
+Weight = Annotated[float, Ge(0), Le(1e6)]
+Pair = tuple[Annotated[float, Ge(1e-3), Le(20)], Annotated[float, Ge(1e-3), Le(20)]]
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class GeneticSettings:
     population: Annotated[int, Ge(4), Le(200)] = 24
     generations: Annotated[int, Ge(1), Le(100)] = 6
     horizon_steps: Annotated[int, Ge(2), Le(200)] = 25
-    horizon_step_s: Annotated[float, Gt(0), Le(0.1)] = 0.04
+    horizon_step_s: Annotated[float, Ge(1e-3), Le(0.1)] = 0.04
     mutation: Annotated[float, Gt(0), Le(1)] = 0.15
     ga: Pair = (0.5, 3.0)
     gb: Pair = (0.5, 5.0)
@@ -108,13 +108,13 @@ class PlannerSettings:
     planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
     gain_share: Annotated[float, Gt(0), Le(1)] = 0.2
     near_identity_length_m: float = 0.9
-    adhesion: Annotated[float, Gt(0), Le(1.5)] = 0.8
-    boundary_share: Annotated[float, Gt(0), Le(1)] = 0.7
-    acceleration_max_mps2: Annotated[float, Gt(0), Le(10)] = 3.0
-    yaw_acceleration_max_radps2: Annotated[float, Gt(0), Le(20)] = 1.5
-    speed_min_mps: Annotated[float, Ge(1)] = 5.0
-    speed_max_mps: Annotated[float, Le(60)] = 45.0
-    sigma_eps: Annotated[float, Gt(0)] = 0.1
+    adhesion: Annotated[float, Ge(0.05), Le(1.5)] = 0.8
+    boundary_share: Annotated[float, Ge(0.05), Le(1)] = 0.7
+    acceleration_max_mps2: Annotated[float, Ge(0.01), Le(10)] = 3.0
+    yaw_acceleration_max_radps2: Annotated[float, Ge(0.01), Le(20)] = 1.5
+    speed_min_mps: Annotated[float, Ge(1), Le(60)] = 5.0
+    speed_max_mps: Annotated[float, Ge(1), Le(60)] = 45.0
+    sigma_eps: Annotated[float, Ge(1e-3), Le(10)] = 0.1
     reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
     bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2
     genetic: GeneticSettings = field(default_factory=GeneticSettings)
@@ -148,17 +148,17 @@ class TrackerSettings:
     offset_free: bool = True
     independent_axles: bool = True
     observer_rate: Annotated[float, Ge(0.5), Lt(1)] = 0.9
-    steering_max_rad: Annotated[float, Gt(0), Le(1)] = 0.5
-    steering_rate_max_radps: Positive = 3.0
-    wheel_force_max_n: Positive = 3000.0
-    wheel_force_rate_max_nps: Positive = 60_000.0
+    steering_max_rad: Annotated[float, Ge(1e-3), Le(1)] = 0.5
+    steering_rate_max_radps: Annotated[float, Ge(1e-3), Le(100)] = 3.0
+    wheel_force_max_n: Annotated[float, Ge(1), Le(1e5)] = 3000.0
+    wheel_force_rate_max_nps: Annotated[float, Ge(1), Le(1e7)] = 60_000.0
     yaw_moment_share: Annotated[float, Gt(0), Lt(1)] = 0.25
-    speed_unit_mps: Positive = 1.0
-    lateral_speed_unit_mps: Positive = 5.0
-    yaw_rate_unit_radps: Positive = 0.2
-    steering_unit_rad: Positive = 0.1
-    force_unit_n: Positive = 2000.0
-    yaw_moment_unit_nm: Positive = 1000.0
+    speed_unit_mps: Unit = 1.0
+    lateral_speed_unit_mps: Unit = 5.0
+    yaw_rate_unit_radps: Unit = 0.2
+    steering_unit_rad: Unit = 0.1
+    force_unit_n: Unit = 2000.0
+    yaw_moment_unit_nm: Unit = 1000.0
     input_weight: Annotated[float, Ge(1e-3), Le(10)] = 1.0
     solver_tolerance: Annotated[float, Ge(1e-9), Le(1e-3)] = 1e-4
     solver_max_iterations: Annotated[int, Ge(5), Le(63)] = 40

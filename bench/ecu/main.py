@@ -3,7 +3,8 @@
 import importlib
 import importlib.util
 import sys
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -47,18 +48,36 @@ def load_class(spec: str) -> Any:
         spec: `package.module:Class`, or `path/to/file.py:Class`.
 
     Raises:
-        BadInput: there is no such module, file or class.
+        BadInput: there is no such module, file or class, the module cannot be loaded, or the class is no ECU.
     """
     place, _, name = spec.rpartition(":")
     if not (place and name):
         raise BadInput(f"ECU {spec!r}: write package.module:Class or path/to/file.py:Class")
     try:
         module = _load_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
-    except (ModuleNotFoundError, FileNotFoundError) as error:
-        raise BadInput(f"ECU {spec!r} cannot be loaded: {error}") from error
-    if not hasattr(module, name):
+    except (Exception, SystemExit) as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        raise BadInput(
+            f"ECU {spec!r} cannot be loaded: {type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
+        ) from error
+    found = getattr(module, name, None)
+    if not isinstance(found, type):
         raise BadInput(f"ECU {spec!r}: {place} has no class {name}")
-    return getattr(module, name)
+    if not callable(getattr(found, "step", None)):
+        raise BadInput(f"ECU {spec!r}: the class {name} is no ECU, it has no method step; see bench.ecu.base.Ecu")
+    return found
+
+
+def load_classes(specs: Iterable[str]) -> None:
+    """Load ECUs' classes and let them compile or load what takes time, so that no first step has to.
+
+    Raises:
+        BadInput: see `load_class`.
+    """
+    for spec in specs:
+        warm_up = getattr(load_class(spec), "warm_up", None)
+        if warm_up is not None:
+            warm_up()
 
 
 def _load_file(path: Path) -> Any:
@@ -70,7 +89,11 @@ def _load_file(path: Path) -> Any:
         raise FileNotFoundError(f"no file {path}")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
     return module
 
 

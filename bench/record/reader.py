@@ -48,6 +48,10 @@ class Columns(dict[str, npt.NDArray[Any]]):
         super().__init__(values)
         self._where = where
 
+    def select(self, rows: npt.NDArray[Any]) -> Columns:
+        """Return these rows of all values."""
+        return Columns(self._where, {name: values[rows] for name, values in self.items()})
+
     def __missing__(self, name: str) -> npt.NDArray[Any]:
         """Refuse a value the topic does not have."""
         raise BadInput(f"{self._where} has no {name!r}; it has {', '.join(key for key in self if key != 't')}")
@@ -133,7 +137,9 @@ class Run:
         try:
             return self.attachments["scenario.toml"].decode()
         except (KeyError, UnicodeDecodeError) as error:
-            raise BadInput(f"{self.path} has no scenario attached") from error
+            raise BadInput(
+                f"{self.path} is not the log of a run, or what was recorded of it ends before the scenario"
+            ) from error
 
     @cached_property
     def scenario(self) -> Scenario:

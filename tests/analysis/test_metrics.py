@@ -133,6 +133,13 @@ def test_cycles_before_the_tracker_has_begun_have_no_reference(run_of):
     assert compute(run_of(motions)).speed_rmse_mps == pytest.approx([1.0])
 
 
+def test_a_run_of_one_cycle_is_complete(run_of):
+    figures = compute(run_of(Motions(1, 1)))
+    assert figures.complete
+    assert figures.duration_s == pytest.approx(0.01)
+    assert figures.real_time_factor == pytest.approx(0.02)
+
+
 def test_times_of_solvers_over_all_vehicles(run_of):
     motions = Motions(2, 100)
     motions.say(1, "TrackerTiming", SolveTime=np.full(100, 1500.0), StepTime=np.full(100, 2000.0))

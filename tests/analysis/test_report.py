@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import warnings
 
+import numpy as np
 import pytest
 
 from bench.analysis.figures import MAX_POINTS, Figures
@@ -29,7 +30,7 @@ PAPER = {
 }
 MORE = {
     *("distances", "lateral", "margin", "steering", "torque1", "torque2", "torque3"),
-    *("disturbancex", "disturbancey", "disturbanceyaw", "flockGa", "flockP11", "flockP12"),
+    *("disturbancex", "disturbancey", "disturbanceyaw", "flockGa", "flockP11", "flockP21"),
     *("trackertimingsolvetime", "trackertimingsteptime", "plannertimingsteptime", "histogram", "iterations", "tau"),
 }
 
@@ -138,10 +139,23 @@ def test_header_events_and_scenario_are_there(data, formation):
 
 def test_what_a_log_says_cannot_break_out_of_the_page(run_of):
     run = run_of(Motions(1, 30))
-    run.metadata["host"] = "</script><script>alert(1)</script><!--DATA-->"
-    parsed = Page(render(run))
+    run.metadata["host"] = "</script><script>alert(1)</script><!--DATA--> a <!-- <script> b"
+    page = render(run)
+    parsed = Page(page)
     assert "alert" not in parsed.scripts["code"]
+    # `<!-- <script>` would have a browser look for one more end of the element that holds the data.
+    assert "<!--" not in page[page.index('id="data"') : page.index("</script>", page.index('id="data"'))]
     assert ["host", run.metadata["host"]] in json.loads(parsed.scripts["data"])["facts"]
+
+
+def test_a_tracker_that_says_nothing_of_itself_is_not_drawn(run_of):
+    """One that leaves its diagnostics to their start values has no reference of 0 m/s and no estimate of 0."""
+    motions = Motions(2, 30)
+    motions.say(1, "TrackerStatus", State=np.ones(30))
+    motions.say(1, "TrackerReferenceState", VelocityX=np.full(30, 20.0))
+    figures = {figure["id"]: figure for figure in json.loads(Page(render(run_of(motions))).scripts["data"])["figures"]}
+    assert [curve["name"] for curve in figures["fig9"]["curves"]] == ["vehicle 1", "vehicle 2", "vehicle 1"]
+    assert [curve["name"] for curve in figures["disturbancex"]["curves"]] == ["vehicle 1"]
 
 
 @pytest.mark.parametrize("vehicles", [1, 5])
@@ -176,6 +190,13 @@ def test_a_cut_off_run_has_a_report_that_says_so(formation_log, tmp_path):
 def test_a_place_that_cannot_be_written_is_named(formation, tmp_path):
     with pytest.raises(BadInput, match="cannot write the report"):
         write(formation, tmp_path / "none" / "report.html")
+
+
+def test_a_report_that_cannot_be_put_in_place_leaves_nothing_behind(formation, tmp_path):
+    (tmp_path / "report.html").mkdir()
+    with pytest.raises(BadInput, match="cannot write the report"):
+        write(formation, tmp_path / "report.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
 def test_a_damaged_log_gives_a_report_or_a_clear_error(run_of, tmp_path):

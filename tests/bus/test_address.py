@@ -35,7 +35,23 @@ def test_an_address_reads_what_it_writes(text):
     assert str(Address.parse(text)) == text
 
 
-@pytest.mark.parametrize("text", ["", "can0", "udp:", "udp:x", "udp:80", "udp:65535", "udp:-5", ":can0", "pcan:"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "can0",
+        "udp:",
+        "udp:x",
+        "udp:80",
+        "udp:65535",
+        "udp:-5",
+        ":can0",
+        "pcan:",
+        "udp_multicast:x",
+        "direct:1",
+        "foo:{}",
+    ],
+)
 def test_what_is_no_address_is_refused_with_what_is_allowed(text):
     with pytest.raises(BadInput, match=f"--can {re.escape(text)}: .*(allowed: udp, udp:PORT, vcan, direct|1024 to)"):
         Address.parse(text)

@@ -245,10 +245,22 @@ def test_a_stopped_conductor_and_ecu_do_no_harm(start) -> None:
 def test_a_class_that_is_not_there_is_said_clearly(start, unruly: Unruly) -> None:
     run = start(set=SHORT, ecus=unruly(tracker="NoSuchTracker"))
     code, _, errors = run.end()
-    assert code == 1
+    assert code == 2
     assert "has no class NoSuchTracker" in errors
     assert "Traceback" not in errors
+    assert not run.out.exists()
     run.assert_all_gone()
+
+
+@pytest.mark.parametrize(
+    ("can", "words"), [("udp", "give the port, as in --can udp:45000"), ("direct", "with --can direct all is in one")]
+)
+def test_an_external_ecu_that_could_not_take_part_is_refused(start, can: str, words: str) -> None:
+    run = start(set=SHORT, can=can, external=["veh2.tracker"])
+    code, _, errors = run.end()
+    assert code == 2
+    assert words in errors
+    assert not run.out.exists()
 
 
 def test_the_ecus_import_nothing_of_the_plant(start, unruly: Unruly) -> None:
