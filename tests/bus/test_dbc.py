@@ -89,7 +89,8 @@ def test_range_fits_into_the_bits(file, message, signal):  # noqa: ARG001
         return
     low = -(1 << signal.length - 1) if signal.is_signed else 0
     high = low + (1 << signal.length) - 1
-    assert low <= round(signal.minimum / signal.scale) < round(signal.maximum / signal.scale) <= high
+    lowest, highest = (round((end - signal.offset) / signal.scale) for end in (signal.minimum, signal.maximum))
+    assert low <= lowest < highest <= high
 
 
 @pytest.mark.parametrize(("file", "message"), MESSAGES, ids=name_of)
