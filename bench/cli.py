@@ -7,7 +7,6 @@ import errno
 import json
 import os
 import sys
-import tempfile
 import warnings
 from datetime import datetime
 from enum import StrEnum
@@ -252,12 +251,9 @@ def build(
 
     directory = out or builder.default_directory()
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=directory):
-            pass
+        fmu = builder.build(directory, on_start=lambda: typer.echo("Building the vehicle FMU ...", err=True))
     except OSError as error:
         raise BadInput(f"{directory}: the FMU cannot be put there: {error.strerror}") from error
-    fmu = builder.build(directory, on_start=lambda: typer.echo("Building the vehicle FMU ...", err=True))
     typer.echo(str(fmu))
 
 

@@ -18,7 +18,8 @@ import tempfile
 import uuid
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -181,6 +182,25 @@ def _write_zip(path: Path, members: dict[str, bytes]) -> None:
             archive.writestr(entry, members[name], compresslevel=9)
 
 
+@contextmanager
+def _aside(directory: Path) -> Iterator[Path]:
+    """A temporary directory in `directory`, which is made where missing, and unmade again where the work fails.
+
+    Raises:
+        OSError: there can be none.
+    """
+    missing = [path for path in (directory, *directory.parents) if not path.exists()]
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{IDENTIFIER}-", dir=directory) as aside:
+            yield Path(aside)
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):
+                path.rmdir()
+        raise
+
+
 def build(directory: Path, *, on_start: Callable[[], None] | None = None) -> Path:
     """Builds Vehicle.fmu in a directory, unless the one there was built from the same inputs.
 
@@ -193,27 +213,27 @@ def build(directory: Path, *, on_start: Callable[[], None] | None = None) -> Pat
 
     Raises:
         FmuError: no C compiler, no FMI headers, or a compiler that fails.
+        OSError: the directory cannot be made or written to; where that shows at once, nothing is built first.
     """
     fmu, record = directory / f"{IDENTIFIER}.fmu", directory / f"{IDENTIFIER}.fmu.json"
     fingerprint = _fingerprint()
     if _is_current(fmu, record, fingerprint):
         return fmu
-    if on_start is not None:
-        on_start()
-    target = _this_platform()
-    sources, description = _sources()
-    members = {
-        "modelDescription.xml": description,
-        f"binaries/{target.folder}/{IDENTIFIER}{target.suffix}": _compile(sources, target.suffix),
-        **{f"sources/{name}": content for name, content in sources.items()},
-    }
-    directory.mkdir(parents=True, exist_ok=True)
     # Written aside and moved into place, so that whoever opens the FMU meanwhile sees a whole one.
-    with tempfile.TemporaryDirectory(prefix=f".{IDENTIFIER}-", dir=directory) as aside:
-        new = Path(aside) / fmu.name
+    with _aside(directory) as aside:
+        if on_start is not None:
+            on_start()
+        target = _this_platform()
+        sources, description = _sources()
+        members = {
+            "modelDescription.xml": description,
+            f"binaries/{target.folder}/{IDENTIFIER}{target.suffix}": _compile(sources, target.suffix),
+            **{f"sources/{name}": content for name, content in sources.items()},
+        }
+        new = aside / fmu.name
         _write_zip(new, members)
         new.replace(fmu)
-        new_record = Path(aside) / record.name
+        new_record = aside / record.name
         new_record.write_text(json.dumps({"inputs": fingerprint, "fmu": _sha256(fmu)}) + "\n")
         new_record.replace(record)
     return fmu

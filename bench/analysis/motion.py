@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bench.bus.states import EcuState
 from bench.errors import BadInput
 from bench.record import Run
 from bench.record.reader import Columns
@@ -15,8 +16,6 @@ from bench.record.reader import Columns
 Array = npt.NDArray[np.float64]
 
 _OF_TRACKER = ("TrackerDisturbance", "TrackerReferenceState", "TrackerReferenceInput", "TrackerTarget")
-_INIT = 0
-"""The DBC's value of TrackerStatus.State before the first reference."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def told(run: Run, vehicle: int, message: str) -> Columns | None:
     columns = run.message(bus, message)
     if message in _OF_TRACKER and run.has(bus, "TrackerStatus"):
         status = run.message(bus, "TrackerStatus")
-        columns = columns.select(rows_at(columns["t"], status["t"][status["State"] != _INIT])[0])
+        columns = columns.select(rows_at(columns["t"], status["t"][status["State"] != EcuState.INIT])[0])
     return columns if len(columns["t"]) else None
 
 
