@@ -6,7 +6,9 @@ ARGS     ?=
 VENV      := .venv
 BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+DEVELOP   := $(VENV)/.installed-dev
 WARM      := build/.warm
+INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
 
 .PHONY: setup run test lint bench clean
@@ -17,16 +19,16 @@ setup: $(WARM)
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)
 
-test: setup
+test: setup $(DEVELOP)
 	$(BIN)/pytest -n 2
 
-lint: $(INSTALLED)
+lint: $(DEVELOP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: setup
+bench: setup $(DEVELOP)
 	$(BIN)/python -m bench.benchmarks
 
 clean:
@@ -42,10 +44,15 @@ $(INSTALLED): pyproject.toml constraints.txt
 		echo "$(PYTHON) cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt setuptools
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e '.[dev]'
+	$(INSTALL) .
 	@touch $@
 
-$(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.py platoon_fmu/fmi/*)
+# What only tests, lint and benchmarks need; zig's compilers for all platforms are most of it.
+$(DEVELOP): $(INSTALLED)
+	$(INSTALL) '.[dev]'
+	@touch $@
+
+$(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.* platoon_fmu/fmi/*)
 	@for cc in cc gcc clang; do \
 		echo '#include <math.h>' | $$cc -fsyntax-only -x c - 2>/dev/null && exit 0; \
 	done; echo "No working C compiler to build the vehicle FMU." \

@@ -3,83 +3,153 @@
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
 
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.errors import BadInput
-from platoon_fmu.errors import FmuError
+from platoon_fmu.errors import FmuError, UnknownPlatform
+
+if TYPE_CHECKING:
+    from platoon_fmu.build import Step
 
 fmu_app = typer.Typer(help="The vehicle as an FMU.", no_args_is_help=True)
+
+
+class Fmi(StrEnum):
+    """A version of the FMI standard."""
+
+    TWO = "2"
+    THREE = "3"
+    ALL = "all"
 
 
 @fmu_app.command()
 def build(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The directory; build/ if not given.")] = None,
+    fmi: Annotated[Fmi, typer.Option(help="Version: 2 gives Vehicle.fmu, 3 gives Vehicle_FMI3.fmu.")] = Fmi.ALL,
+    platform: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME", help="Platform of a binary: native (if not given), all, x86_64-linux, ...; may be repeated."
+        ),
+    ] = None,
 ) -> None:
-    """Build Vehicle.fmu: generate the model's C code, compile it and pack it."""
+    """Build the vehicle's FMUs: generate the model's C code, compile it and pack it."""
     from platoon_fmu import build as builder
+    from platoon_fmu.compilers import NATIVE, PLATFORMS
+    from platoon_fmu.versions import FMI2, FMI3
 
     directory = out or builder.default_directory()
-    try:
-        fmu = builder.build(directory, on_start=lambda: typer.echo("Building the vehicle FMU ...", err=True))
-    except OSError as error:
-        raise BadInput(f"{directory}: the FMU cannot be put there: {error.strerror}") from error
-    typer.echo(str(fmu))
+    wanted = [name for given in platform or [NATIVE] for name in (PLATFORMS if given == "all" else [given])]
+    for version in (FMI2, FMI3):
+        if fmi in (Fmi.ALL, version.name):
+            try:
+                with _showing_steps() as on_step:
+                    fmu = builder.build(directory, version=version, platforms=wanted, on_step=on_step)
+            except UnknownPlatform as error:
+                raise BadInput(f"--platform: {error}, all") from error
+            except OSError as error:
+                raise BadInput(f"{directory}: the FMU cannot be put there: {error.strerror}") from error
+            typer.echo(str(fmu))
 
 
-@fmu_app.command()
+@contextmanager
+def _showing_steps() -> Iterator[Callable[["Step"], None]]:
+    """Show a build's steps on standard error: a bar on a terminal, elsewhere a line each."""
+    if not sys.stderr.isatty():
+        yield lambda step: typer.echo(f"{step.text} ...", err=True)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("", total=None, visible=False)
+        yield lambda step: progress.update(
+            task, description=step.text, completed=step.done, total=step.total, visible=True
+        )
+
+
+@fmu_app.command(epilog="Exit codes: 0 no problems, 1 problems found, 2 bad file.")
 def validate(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
 ) -> None:
-    """Check an FMU against the standard and run it for a moment."""
-    from platoon_fmu.validate import validate as problems_of
+    """Check any FMU against the standard, and try what it claims to do."""
+    from bench.fmu_table import show_check
+    from platoon_fmu.findings import Outcome
+    from platoon_fmu.validate import validate as checks_of
 
     path = _fmu_path(fmu)
+    outcomes = []
     try:
-        problems = problems_of(path)
+        for check in checks_of(path):
+            show_check(check)
+            outcomes.append(check.outcome)
     except FmuError as error:
         raise BadInput(str(error)) from error
-    for problem in problems:
-        typer.echo(problem)
+    passed, skipped, problems = (outcomes.count(o) for o in (Outcome.PASSED, Outcome.SKIPPED, Outcome.PROBLEM))
+    found = f"{problems or 'no'} {'problem' if problems == 1 else 'problems'} found"
+    typer.echo(f"{path}: {found} ({passed} checks passed, {skipped} skipped)")
     if problems:
         raise typer.Exit(1)
-    typer.echo(f"{path}: no problems found")
 
 
-@fmu_app.command()
-def info(fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None) -> None:
-    """List an FMU's variables: name, causality, start value, unit, description."""
-    import fmpy
-
-    from platoon_fmu.validate import check_archive
+@fmu_app.command(epilog="Exit codes: 0 done, 2 bad file.")
+def info(
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
+) -> None:
+    """Show what any FMU is, what it can do, and its variables."""
+    from platoon_fmu.info import info as info_of
 
     path = _fmu_path(fmu)
     try:
-        check_archive(path)
-        description = fmpy.read_model_description(str(path), validate=False)
+        found = info_of(path)
     except FmuError as error:
         raise BadInput(str(error)) from error
-    except Exception as error:
-        # What fmpy makes of any other XML file is not to be foreseen.
-        raise BadInput(f"{path} is no FMU: its modelDescription.xml cannot be read: {error}") from error
-    kinds = [
-        name
-        for name, kind in (("Model Exchange", description.modelExchange), ("Co-Simulation", description.coSimulation))
-        if kind is not None
-    ]
-    typer.echo(f"{description.modelName}, FMI {description.fmiVersion}, {' and '.join(kinds)}")
-    for variable in description.modelVariables:
-        start = "" if variable.start is None else str(variable.start)
-        unit = variable.unit or (variable.declaredType.unit if variable.declaredType else None) or ""
-        typer.echo(f"{variable.name:22} {variable.causality:10} {start:>10} {unit:8} {variable.description or ''}")
+    if as_json:
+        typer.echo(json.dumps(asdict(found), indent=2))
+        return
+    from bench.fmu_table import show_info
+
+    show_info(found)
+
+
+@fmu_app.command(epilog="Exit codes: 0 all figures met, 1 some missed, 2 bad input.")
+def report(
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
+) -> None:
+    """Validate an FMU's physics: drive standard manoeuvres, write one HTML file of what came of them."""
+    from bench.output_paths import check_report, write_report
+
+    path = _fmu_path(fmu)
+    target = out or path.with_suffix(".html")
+    check_report(target)
+    from platoon_fmu.physics.report import report as report_of
+
+    try:
+        found = report_of(path)
+    except FmuError as error:
+        raise BadInput(str(error)) from error
+    write_report(target, found.page)
+    typer.echo(str(target))
+    for figure in found.missed:
+        typer.echo(f"platoon: missed: {figure.name}", err=True)
+    if found.missed:
+        raise typer.Exit(1)
 
 
 def _fmu_path(given: Path | None) -> Path:
     if given is not None:
-        if not given.is_file():
-            raise BadInput(f"{given}: no such file")
         return given
     from platoon_fmu.build import default_fmu
 

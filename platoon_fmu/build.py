@@ -1,4 +1,4 @@
-"""Builds Vehicle.fmu: equations -> C -> binary -> modelDescription -> zip.
+"""Builds Vehicle.fmu: equations -> C -> binaries -> modelDescription -> zip.
 
 The same inputs give the same bytes. An FMU whose inputs have not changed is not built again; finding that out
 reads a few files and imports nothing heavy, since a start of the bench passes through here.
@@ -10,102 +10,77 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import json
-import platform
-import shutil
-import subprocess
 import sys
 import tempfile
-import uuid
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from platoon_fmu.compilers import NATIVE, Compiler, compilers
 from platoon_fmu.errors import FmuError
+from platoon_fmu.universal import universal_binary
+from platoon_fmu.versions import FMI2, FMI3, Version
 
 IDENTIFIER = "Vehicle"
-SOLVER_STEP_S = 0.001
-VERSION = "1.0"
-
-# No contraction to fused multiply-adds: every processor then rounds alike. No errno: nobody reads it after sqrt.
-COMPILER_FLAGS = ("-std=c99", "-O2", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden")
-LINKER_FLAGS = ("-shared", "-s", "-lm")
 
 _PACKAGE = Path(__file__).resolve().parent
 _PROJECT = _PACKAGE.parent
-_HAND_WRITTEN = ("core.c", "solver.c", "fmi2.c")
-_GENERATED = ("vehicle.c", "equations.c")
-_OWN_HEADERS = ("core.h", "model.h", "solver.h")
-_STANDARD_HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
+# What of this package the FMU's bytes depend on, besides fmi/.
+_MODULES = (
+    *("build", "codegen", "compilers", "contents", "documentation", "errors", "interface", "model_description"),
+    *("parameters", "tyre", "universal", "vehicle", "versions"),
+)
+_DATA = ("documentation.html", "icon.png", "icon.svg", "license.txt")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 @dataclass(frozen=True)
-class _Platform:
-    """Where FMI 2.0 looks for a binary, and the suffix it has there."""
+class Step:
+    """What a build does next.
 
-    folder: str
-    suffix: str
+    Attributes:
+        done: the number of steps behind it.
+        total: the number of steps of the whole build.
+        text: what it does, with a word on how long that takes where it takes long.
+    """
 
-
-def _this_platform() -> _Platform:
-    bits = 64 if sys.maxsize > 2**32 else 32
-    machine, system = platform.machine().lower(), platform.system()
-    known = {"Linux": _Platform(f"linux{bits}", ".so"), "Darwin": _Platform(f"darwin{bits}", ".dylib")}
-    if system not in known:
-        raise FmuError(f"the FMU's binary can be built on Linux and macOS, not on {system} ({machine})")
-    if system == "Linux" and machine not in ("x86_64", "amd64", "i386", "i686"):
-        # FMI 2.0 names folders for x86 only; this is what FMI 3.0 and fmpy call the rest.
-        return _Platform(f"{machine}-linux", ".so")
-    return known[system]
+    done: int
+    total: int
+    text: str
 
 
-def _standard_headers() -> Path:
-    """The folder of the standard's headers (2-clause BSD), which fmpy carries."""
+def _standard_headers(version: Version) -> list[Path]:
+    """The standard's headers (2-clause BSD), which fmpy carries."""
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
         raise FmuError("the FMI headers come with the package fmpy, which is not installed: pip install fmpy")
     folder = Path(found.origin).parent / "c-code"
-    missing = [name for name in _STANDARD_HEADERS if not (folder / name).is_file()]
+    headers = [folder / name for name in version.headers]
+    missing = [path.name for path in headers if not path.is_file()]
     if missing:
         raise FmuError(f"{folder} lacks {', '.join(missing)}: install fmpy again")
-    return folder
+    return headers
 
 
-def _compiler() -> str:
-    for name in ("cc", "gcc", "clang"):
-        path = shutil.which(name)
-        if path is not None:
-            return path
-    raise FmuError(
-        "no C compiler found (looked for cc, gcc, clang), which building the FMU needs; "
-        "on Debian: apt install gcc libc6-dev"
-    )
+def _hand_written(version: Version) -> list[Path]:
+    """The C files and headers of fmi/, without the other versions' faces."""
+    others = {other.face for other in (FMI2, FMI3)} - {version.face}
+    return [path for path in sorted(_PACKAGE.glob("fmi/*.[ch]")) if path.name not in others]
 
 
-def _run(command: list[str], directory: Path) -> str:
-    done = subprocess.run(command, cwd=directory, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise FmuError(f"`{' '.join(command)}` failed with status {done.returncode}:\n{done.stderr.strip()}")
-    return done.stdout
-
-
-def _fingerprint() -> str:
+def _fingerprint(version: Version, chosen: Sequence[Compiler]) -> str:
     """A hash of all that the FMU's bytes depend on: this package, the standard's headers, the tools."""
     digest = hashlib.sha256()
-    files = [*sorted(_PACKAGE.glob("*.py")), *sorted(_PACKAGE.glob("fmi/*.[ch]"))]
-    files += [_standard_headers() / name for name in _STANDARD_HEADERS]
-    for path in files:
+    own = [_PACKAGE / name for name in (*(f"{module}.py" for module in _MODULES), *_DATA)]
+    for path in (*own, *_hand_written(version), *_standard_headers(version)):
         digest.update(f"{path.name}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
-    compiler = _compiler()
     tools = {
         "casadi": importlib.metadata.version("casadi"),
-        "compiler": compiler,
-        "compiler version": _run([compiler, "--version"], _PACKAGE),
-        "platform": _this_platform().folder,
+        "compilers": [(c.platform.name, c.command, c.linking, c.identity) for c in chosen],
         "python": sys.version_info[:2],
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
     }
@@ -128,52 +103,28 @@ def _is_current(fmu: Path, record: Path, fingerprint: str) -> bool:
     return bool(recorded == {"inputs": fingerprint, "fmu": _sha256(fmu)})
 
 
-def _sources() -> tuple[dict[str, bytes], bytes]:
-    """The files of sources/ by name, and the modelDescription."""
+def _members(version: Version, chosen: Sequence[Compiler], on_step: Callable[[Step], None]) -> dict[str, bytes]:
+    """The FMU's files by path."""
+    total = len(chosen) + 1
+    on_step(Step(0, total, f"{version.file}: generating the model's C code"))
     # CasADi takes long to import, and is needed only here.
-    from platoon_fmu import codegen, model_description
+    from platoon_fmu import contents
 
-    model = codegen.symbolic_model()
-    headers = _standard_headers()
-    files = {name: (_PACKAGE / "fmi" / name).read_bytes() for name in (*_HAND_WRITTEN, *_OWN_HEADERS)}
-    files |= {name: (headers / name).read_bytes() for name in _STANDARD_HEADERS}
-    files["equations.c"] = codegen.equations_c(model).encode()
-
-    simulating, initial = codegen.dependencies(model)
-
-    def description(token: str) -> bytes:
-        return model_description.fmi2_xml(
-            token=token,
-            identifier=IDENTIFIER,
-            version=VERSION,
-            sources=(*_HAND_WRITTEN, *_GENERATED),
-            simulating=simulating,
-            initial=initial,
-        )
-
-    # The token is a hash of all else: it tells a binary from a modelDescription that it does not belong to.
-    digest = hashlib.sha256(description("") + codegen.table_c("", SOLVER_STEP_S).encode())
-    for name in sorted(files):
-        digest.update(files[name])
-    token = f"{{{uuid.UUID(bytes=digest.digest()[:16])}}}"
-    files["vehicle.c"] = codegen.table_c(token, SOLVER_STEP_S).encode()
-    return files, description(token)
+    code = contents.sources(version, IDENTIFIER, _hand_written(version), _standard_headers(version))
+    members = contents.members(version, IDENTIFIER, code)
+    binaries: dict[str, list[bytes]] = {}
+    for done, compiler in enumerate(chosen, start=1):
+        target = compiler.platform
+        patience = f" ({target.patience})" if target.patience else ""
+        on_step(Step(done, total, f"{version.file}: compiling for {target.name}{patience}"))
+        library = compiler.library(IDENTIFIER, code.files, code.inputs)
+        for folder in version.folders_of(target.name):
+            binaries.setdefault(f"binaries/{folder}/{IDENTIFIER}{target.suffix}", []).append(library)
+        members |= {f"documentation/licenses/{name}": path.read_bytes() for name, path in compiler.licenses.items()}
+    return members | {path: universal_binary(libraries) for path, libraries in binaries.items()}
 
 
-def _compile(sources: dict[str, bytes], suffix: str) -> bytes:
-    """The shared library, compiled in a folder of its own with relative names: no path gets into it."""
-    compiler = _compiler()
-    with tempfile.TemporaryDirectory(prefix="vehicle-fmu-") as folder:
-        directory = Path(folder)
-        for name, content in sources.items():
-            (directory / name).write_bytes(content)
-        library = f"{IDENTIFIER}{suffix}"
-        inputs = (*_HAND_WRITTEN, *_GENERATED)
-        _run([compiler, *COMPILER_FLAGS, *inputs, "-o", library, *LINKER_FLAGS], directory)
-        return (directory / library).read_bytes()
-
-
-def _write_zip(path: Path, members: dict[str, bytes]) -> None:
+def _write_zip(path: Path, members: Mapping[str, bytes]) -> None:
     with zipfile.ZipFile(path, "w") as archive:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, date_time=_EPOCH)
@@ -201,37 +152,37 @@ def _aside(directory: Path) -> Iterator[Path]:
         raise
 
 
-def build(directory: Path, *, on_start: Callable[[], None] | None = None) -> Path:
-    """Builds Vehicle.fmu in a directory, unless the one there was built from the same inputs.
+def build(
+    directory: Path,
+    *,
+    version: Version = FMI2,
+    platforms: Sequence[str] = (NATIVE,),
+    on_step: Callable[[Step], None] = lambda _: None,
+) -> Path:
+    """Builds an FMU in a directory, unless the one there was built from the same inputs.
 
     Args:
         directory: where to put it; made where missing. Beside the FMU a small record of its inputs is kept.
-        on_start: called once if a build is needed, before it starts (it takes a few seconds).
+        version: of the standard; it gives the FMU its file's name.
+        platforms: whom the FMU has binaries for: names of `compilers.PLATFORMS`, or `native`.
+        on_step: called if a build is needed, before each of its steps (a few seconds each, if no more is said).
 
     Returns:
         The path of the FMU.
 
     Raises:
-        FmuError: no C compiler, no FMI headers, or a compiler that fails.
+        FmuError: no such platform, no C compiler, no FMI headers, or a compiler that fails.
         OSError: the directory cannot be made or written to; where that shows at once, nothing is built first.
     """
-    fmu, record = directory / f"{IDENTIFIER}.fmu", directory / f"{IDENTIFIER}.fmu.json"
-    fingerprint = _fingerprint()
+    fmu, record = directory / version.file, directory / f"{version.file}.json"
+    chosen = compilers(platforms)
+    fingerprint = _fingerprint(version, chosen)
     if _is_current(fmu, record, fingerprint):
         return fmu
     # Written aside and moved into place, so that whoever opens the FMU meanwhile sees a whole one.
     with _aside(directory) as aside:
-        if on_start is not None:
-            on_start()
-        target = _this_platform()
-        sources, description = _sources()
-        members = {
-            "modelDescription.xml": description,
-            f"binaries/{target.folder}/{IDENTIFIER}{target.suffix}": _compile(sources, target.suffix),
-            **{f"sources/{name}": content for name, content in sources.items()},
-        }
         new = aside / fmu.name
-        _write_zip(new, members)
+        _write_zip(new, _members(version, chosen, on_step))
         new.replace(fmu)
         new_record = aside / record.name
         new_record.write_text(json.dumps({"inputs": fingerprint, "fmu": _sha256(fmu)}) + "\n")
@@ -246,12 +197,12 @@ def default_directory() -> Path:
 
 
 def default_fmu() -> Path:
-    """The FMU in `default_directory`.
+    """The FMU in `default_directory` that the bench drives, of FMI 2.
 
     Raises:
         FmuError: it has not been built.
     """
-    fmu = default_directory() / f"{IDENTIFIER}.fmu"
+    fmu = default_directory() / FMI2.file
     if not fmu.is_file():
         raise FmuError(f"there is no {fmu}: build it with `platoon fmu build` (`make setup` does)")
     return fmu

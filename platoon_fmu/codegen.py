@@ -22,6 +22,8 @@ class SymbolicModel:
         x, u, p: symbols of states, inputs and parameters (tunable, then start values).
         derivatives, outputs: expressions in x, u, p.
         initial: the states at the start, expressions in p.
+        running: Jacobian of states, derivatives and outputs over states and inputs, in x, u, p.
+        beginning: the same over inputs and parameters where the states are those of the start, in u, p.
     """
 
     x: Any
@@ -30,6 +32,8 @@ class SymbolicModel:
     derivatives: Any
     outputs: Any
     initial: Any
+    running: Any
+    beginning: Any
 
 
 def _symbols(name: str, variables: Sequence[Variable]) -> tuple[Any, dict[str, Any]]:
@@ -55,14 +59,20 @@ def symbolic_model() -> SymbolicModel:
     p, parameters = _symbols("p", (*interface.PARAMETERS, *interface.STARTS))
     # mu_a is no parameter of the FMU: the model must not use it, and no symbol would come up if it did.
     P = VehicleParameters(**{f.name: parameters.get(f.name, ca.SX.nan()) for f in fields(VehicleParameters)})
-    derivatives, outputs = vehicle.equations(states, inputs, P)
+    equations = vehicle.equations(states, inputs, P)
+    derivatives = _in_order(equations[0], interface.STATES)
+    outputs = _in_order(equations[1], interface.OUTPUTS)
+    initial = _in_order(vehicle.initial_state(parameters, P), interface.STATES)
+    unknowns = ca.vertcat(x, derivatives, outputs)
     return SymbolicModel(
         x=x,
         u=u,
         p=p,
-        derivatives=_in_order(derivatives, interface.STATES),
-        outputs=_in_order(outputs, interface.OUTPUTS),
-        initial=_in_order(vehicle.initial_state(parameters, P), interface.STATES),
+        derivatives=derivatives,
+        outputs=outputs,
+        initial=initial,
+        running=ca.jacobian(unknowns, ca.vertcat(x, u)),
+        beginning=ca.jacobian(ca.substitute(unknowns, x, initial), ca.vertcat(u, p)),
     )
 
 
@@ -70,10 +80,10 @@ def _names(variables: Sequence[Variable]) -> list[str]:
     return [variable.name for variable in variables]
 
 
-def _dependencies(unknowns: list[str], expressions: Any, knowns: list[str], symbols: Any) -> dict[str, tuple[str, ...]]:
+def _dependencies(unknowns: list[str], knowns: list[str], jacobian: Any) -> dict[str, tuple[str, ...]]:
     """For each unknown the knowns that its expression contains."""
     found: dict[str, list[str]] = {unknown: [] for unknown in unknowns}
-    for row, column in zip(*ca.jacobian_sparsity(expressions, symbols).get_triplet(), strict=True):
+    for row, column in zip(*jacobian.sparsity().get_triplet(), strict=True):
         found[unknowns[row]].append(knowns[column])
     return {unknown: tuple(names) for unknown, names in found.items()}
 
@@ -86,19 +96,18 @@ def dependencies(model: SymbolicModel) -> tuple[dict[str, tuple[str, ...]], dict
     unknowns = _names((*interface.STATES, *interface.DERIVATIVES, *interface.OUTPUTS))
     states, inputs = _names(interface.STATES), _names(interface.INPUTS)
     parameters = _names((*interface.PARAMETERS, *interface.STARTS))
-    values = ca.vertcat(model.x, model.derivatives, model.outputs)
-    simulating = _dependencies(unknowns, values, states + inputs, ca.vertcat(model.x, model.u))
-    at_start = ca.substitute(values, model.x, model.initial)
-    initial = _dependencies(unknowns, at_start, inputs + parameters, ca.vertcat(model.u, model.p))
-    return simulating, initial
+    simulating = _dependencies(unknowns, states + inputs, model.running)
+    return simulating, _dependencies(unknowns, inputs + parameters, model.beginning)
 
 
 def equations_c(model: SymbolicModel) -> str:
-    """C source of vehicle_derivatives, vehicle_outputs and vehicle_initial, in CasADi's calling form."""
+    """C source of the functions that `table_c` calls, in CasADi's calling form."""
     functions = [
         ca.Function("vehicle_derivatives", [model.x, model.u, model.p], [model.derivatives]),
         ca.Function("vehicle_outputs", [model.x, model.u, model.p], [model.outputs]),
         ca.Function("vehicle_initial", [model.p], [model.initial]),
+        ca.Function("vehicle_running", [model.x, model.u, model.p], [model.running]),
+        ca.Function("vehicle_beginning", [model.u, model.p], [model.beginning]),
     ]
     generator = ca.CodeGenerator("equations", {"casadi_int": "int"})
     for function in functions:
@@ -107,10 +116,16 @@ def equations_c(model: SymbolicModel) -> str:
     return "#define CASADI_SYMBOL_EXPORT\n" + str(generator.dump())
 
 
-def _array(name: str, values: Iterable[float]) -> str:
-    numbers = ", ".join(repr(float(v)) for v in values)
+def _array(kind: str, name: str, values: Iterable[float]) -> str:
+    numbers = ", ".join(repr(float(v) if kind == "double" else int(v)) for v in values)
     numbers = textwrap.fill(numbers, 100, initial_indent="    ", subsequent_indent="    ")
-    return f"static const double {name}[] = {{\n{numbers}\n}};\n"
+    return f"static const {kind} {name}[] = {{\n{numbers}\n}};\n"
+
+
+def _pattern(name: str, jacobian: Any) -> list[str]:
+    """A Jacobian's sparsity, column by column, as CasADi orders the nonzeros."""
+    sparsity = jacobian.sparsity()
+    return [_array("int", f"{name}_starts", sparsity.colind()), _array("int", f"{name}_rows", sparsity.row())]
 
 
 _TABLE = """\
@@ -120,6 +135,8 @@ _TABLE = """\
 int vehicle_derivatives(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_outputs(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_initial(const double **arg, double **res, int *iw, double *w, int mem);
+int vehicle_running(const double **arg, double **res, int *iw, double *w, int mem);
+int vehicle_beginning(const double **arg, double **res, int *iw, double *w, int mem);
 
 static void initial(const double *p, double *x) {{
     const double *arg[] = {{p}};
@@ -139,6 +156,19 @@ static void outputs(const double *x, const double *u, const double *p, double *y
     vehicle_outputs(arg, res, 0, 0, 0);
 }}
 
+static void running(const double *x, const double *u, const double *p, double *nonzeros) {{
+    const double *arg[] = {{x, u, p}};
+    double *res[] = {{nonzeros}};
+    vehicle_running(arg, res, 0, 0, 0);
+}}
+
+static void beginning(const double *x, const double *u, const double *p, double *nonzeros) {{
+    const double *arg[] = {{u, p}};
+    double *res[] = {{nonzeros}};
+    (void)x;
+    vehicle_beginning(arg, res, 0, 0, 0);
+}}
+
 {arrays}
 const Model platoon_model = {{
     .token = "{token}",
@@ -147,29 +177,40 @@ const Model platoon_model = {{
     .n_inputs = {n_inputs},
     .n_parameters = {n_parameters},
     .n_tunable = {n_tunable},
+    .most_nonzeros = {most_nonzeros},
     .nominals = nominals,
     .inputs_start = inputs_start,
     .parameters_start = parameters_start,
-    .solver_step = {solver_step!r},
+    .settings_start = settings_start,
+    .settings_minimum = settings_minimum,
+    .settings_maximum = settings_maximum,
     .initial = initial,
     .derivatives = derivatives,
     .outputs = outputs,
+    .running = {{running_starts, running_rows, running}},
+    .beginning = {{beginning_starts, beginning_rows, beginning}},
 }};
 """
 
 
-def table_c(token: str, solver_step: float) -> str:
+def table_c(model: SymbolicModel, token: str) -> str:
     """C source of `platoon_model`.
 
     Args:
+        model: the equations.
         token: the guid that ties binary and modelDescription together.
-        solver_step: longest inner step of the co-simulation [s].
     """
     parameters = (*interface.PARAMETERS, *interface.STARTS)
+    settings = (*interface.SOLVER_SETTINGS, interface.SOLVER)
     arrays = [
-        _array("nominals", (v.nominal or 1.0 for v in interface.STATES)),
-        _array("inputs_start", (v.start or 0.0 for v in interface.INPUTS)),
-        _array("parameters_start", (v.start or 0.0 for v in parameters)),
+        _array("double", "nominals", (v.nominal or 1.0 for v in interface.STATES)),
+        _array("double", "inputs_start", (v.start or 0.0 for v in interface.INPUTS)),
+        _array("double", "parameters_start", (v.start or 0.0 for v in parameters)),
+        _array("double", "settings_start", (v.start or 0.0 for v in settings)),
+        _array("double", "settings_minimum", (v.minimum or 0.0 for v in settings)),
+        _array("double", "settings_maximum", (v.maximum or 0.0 for v in settings)),
+        *_pattern("running", model.running),
+        *_pattern("beginning", model.beginning),
     ]
     return _TABLE.format(
         arrays="\n".join(arrays),
@@ -179,5 +220,5 @@ def table_c(token: str, solver_step: float) -> str:
         n_inputs=len(interface.INPUTS),
         n_parameters=len(parameters),
         n_tunable=len(interface.PARAMETERS),
-        solver_step=solver_step,
+        most_nonzeros=max(model.running.nnz(), model.beginning.nnz()),
     )

@@ -1,15 +1,17 @@
 """Any FMU, driven by the names of its variables: FMI 2.0 and 3.0, Model Exchange and Co-Simulation.
 
 fmpy loads the binary and knows the standard's functions; this puts the differences between versions and kinds behind
-one interface, for the checks (`validate`) and the manoeuvres (`manoeuvres`).
+one interface, for the checks (`dynamic_checks`) and the manoeuvres (`physics`).
 """
 
 from __future__ import annotations
 
+import math
+import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from ctypes import c_double
+from ctypes import CDLL, c_double
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -20,7 +22,13 @@ import numpy as np
 from fmpy import fmi2, fmi3
 from numpy.typing import NDArray
 
+from platoon_fmu import archive
 from platoon_fmu.errors import FmuError
+from platoon_fmu.versions import FMI2, FMI3
+
+#: A variable's values: one number or text, or for an array all elements, row by row.
+Value = float | int | bool | str
+Values = Sequence[Value] | NDArray[np.float64]
 
 
 class Kind(StrEnum):
@@ -28,6 +36,14 @@ class Kind(StrEnum):
 
     MODEL_EXCHANGE = "Model Exchange"
     CO_SIMULATION = "Co-Simulation"
+
+
+# The capability flags that FMI 2.0 spells otherwise than FMI 3.0.
+_FLAGS_2 = {
+    "canGetAndSetFMUState": "canGetAndSetFMUstate",
+    "canSerializeFMUState": "canSerializeFMUstate",
+    "providesDirectionalDerivatives": "providesDirectionalDerivative",
+}
 
 
 @dataclass(frozen=True)
@@ -42,6 +58,11 @@ class OpenFmu:
     folder: Path
     description: Any
 
+    @staticmethod
+    def unpacked(folder: Path) -> OpenFmu:
+        """An FMU that is unpacked in a folder already."""
+        return OpenFmu(folder, fmpy.read_model_description(str(folder), validate=False))
+
     @property
     def version(self) -> int:
         """The FMI version's first number: 2 or 3."""
@@ -51,10 +72,51 @@ class OpenFmu:
         """The element of a kind with its capability flags, as fmpy reads it; None where the FMU has no such kind."""
         return self.description.modelExchange if kind is Kind.MODEL_EXCHANGE else self.description.coSimulation
 
+    def claims(self, kind: Kind, flag: str) -> bool:
+        """Whether a capability flag of a kind is set.
+
+        Args:
+            kind: one that the FMU has.
+            flag: its name in FMI 3.0.
+        """
+        content = (self.folder / archive.DESCRIPTION).read_bytes()
+        attributes = archive.interface_types(content)[kind.replace(" ", "").replace("-", "")]
+        name = _FLAGS_2.get(flag, flag) if self.version == 2 else flag
+        return attributes.get(name) in ("true", "1")
+
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """The kinds that the FMU says it has."""
         return tuple(kind for kind in Kind if self.element(kind) is not None)
+
+    @property
+    def platforms(self) -> tuple[str, ...]:
+        """The platforms it has a binary for, as its folders of binaries/ call them."""
+        files = self.folder.glob("binaries/**/*")
+        return archive.platforms(path.relative_to(self.folder).as_posix() for path in files)
+
+    @property
+    def runs_here(self) -> bool:
+        """Whether it has a folder of binaries for this platform."""
+        return any(folder.is_dir() for folder in self._folders())
+
+    def library(self, kind: Kind) -> Path:
+        """The binary of a kind for this platform.
+
+        Raises:
+            FmuError: there is none.
+        """
+        name = f"{self.element(kind).modelIdentifier}{fmpy.sharedLibraryExtension}"
+        for folder in self._folders():
+            if (folder / name).is_file():
+                return folder / name
+        here = ", ".join(f"{folder.relative_to(self.folder)}/{name}" for folder in self._folders())
+        raise FmuError(f"has no binary for {kind} where this platform has one, {here}")
+
+    def _folders(self) -> list[Path]:
+        version = FMI2 if self.version == 2 else FMI3
+        here = fmpy.platform_tuple
+        return [self.folder / "binaries" / name for name in dict.fromkeys((*version.folders_of(here), here))]
 
 
 @contextmanager
@@ -62,15 +124,11 @@ def opened(fmu: Path) -> Iterator[OpenFmu]:
     """Unpacks an FMU into a temporary folder.
 
     Raises:
-        FmuError: its modelDescription.xml cannot be read, or it is of another version than FMI 2.0 and 3.0.
+        FmuError: it is missing, damaged, no FMU, or of another version than FMI 2.0 and 3.0.
     """
-    # fmpy changes the working directory while it runs an FMU.
-    fmu = fmu.resolve()
+    description = archive.read_description(fmu)
     with tempfile.TemporaryDirectory(prefix="fmu-") as folder:
-        fmpy.extract(str(fmu), unzipdir=folder)
-        description = fmpy.read_model_description(folder, validate=False)
-        if description.fmiVersion.split(".")[0] not in ("2", "3"):
-            raise FmuError(f"{fmu}: FMI {description.fmiVersion} is not supported; allowed: 2.0 and 3.0")
+        archive.unpack(fmu, Path(folder))
         yield OpenFmu(Path(folder), description)
 
 
@@ -80,9 +138,42 @@ _CLASSES = {
     (3, Kind.MODEL_EXCHANGE): fmi3.FMU3Model,
     (3, Kind.CO_SIMULATION): fmi3.FMU3Slave,
 }
-# The names FMI 2.0 has for what FMI 3.0 calls Float64, Int32 ... .
-_ACCESSORS_2 = {"Real": "Real", "Integer": "Integer", "Enumeration": "Integer", "Boolean": "Boolean"}
-_CONVERTERS = {"Real": float, "Float32": float, "Float64": float, "Boolean": bool}
+# Under which name a type is got and set, where that is another than its own.
+_ACCESSORS = {2: {"Enumeration": "Integer"}, 3: {"Enumeration": "Int64"}}
+_CONVERTERS: dict[str, type] = {"Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str}
+# Of event iterations; one that does not end would be waited for in vain.
+_MOST_ITERATIONS = 1000
+
+
+def load(fmu: OpenFmu, kind: Kind, name: str = "instance") -> Any:
+    """Loads an FMU's binary.
+
+    Returns:
+        fmpy's object, not yet instantiated.
+
+    Raises:
+        FmuError: there is no binary for this platform, it does not load, or it lacks functions of the standard.
+    """
+    library, wanted = fmu.library(kind), _CLASSES[fmu.version, kind]
+    # fmpy changes the working directory while it loads a binary, and stays there where that fails.
+    here = Path.cwd()
+    try:
+        return wanted(
+            guid=fmu.description.instantiationToken or "",
+            unzipDirectory=str(fmu.folder),
+            modelIdentifier=fmu.element(kind).modelIdentifier,
+            instanceName=name,
+            libraryPath=str(library),
+        )
+    except AttributeError as error:
+        functions = [name for name in dir(wanted) if name.startswith(f"fmi{fmu.version}")]
+        missing = [name for name in functions if not hasattr(CDLL(str(library)), name)]
+        raise FmuError(f"its binary for {kind} lacks functions of the standard: {', '.join(missing)}") from error
+    except Exception as error:
+        reason = str(error).removeprefix(f"Failed to load shared library {library}. ")
+        raise FmuError(f"its binary for {kind} cannot be loaded: {reason}") from error
+    finally:
+        os.chdir(here)
 
 
 class Instance:
@@ -92,7 +183,9 @@ class Instance:
         fmu: what it is an instance of.
         kind: its interface type.
         time: the time it has reached [s].
+        next_event_time: Model Exchange: the time of the next event that the FMU has announced [s], or None.
         said: what it has logged, a line each.
+        complaints: of that, what it has logged as a warning or an error.
         raw: fmpy's own object, for what this class does not carry.
     """
 
@@ -102,28 +195,20 @@ class Instance:
         Raises:
             FmuError: the FMU has no such kind, its binary does not load, or it refuses to be instantiated.
         """
-        element = fmu.element(kind)
-        if element is None:
+        if fmu.element(kind) is None:
             raise FmuError(f"the FMU has no {kind}")
         self.fmu, self.kind, self.time = fmu, kind, 0.0
+        self.next_event_time: float | None = None
         self.said: list[str] = []
+        self.complaints: list[str] = []
         self._variables = {variable.name: variable for variable in fmu.description.modelVariables}
-        self._states = [variable.derivative.name for variable in self._derivatives()]
+        # The order of ModelStructure is the order of the state vector.
+        self._states = [unknown.variable.derivative for unknown in fmu.description.derivatives]
+        self.raw = load(fmu, kind, name)
         try:
-            self.raw = _CLASSES[fmu.version, kind](
-                guid=fmu.description.guid or fmu.description.instantiationToken,
-                unzipDirectory=str(fmu.folder),
-                modelIdentifier=element.modelIdentifier,
-                instanceName=name,
-            )
             self._instantiate()
         except Exception as error:
             raise FmuError("; ".join([f"{kind}: cannot be instantiated: {error}", *self.said])) from error
-
-    def _derivatives(self) -> list[Any]:
-        # The order of ModelStructure is the order of the state vector.
-        listed = [unknown.variable for unknown in self.fmu.description.derivatives]
-        return listed or [v for v in self._variables.values() if v.derivative is not None]
 
     def _instantiate(self) -> None:
         if self.fmu.version == 3:
@@ -135,11 +220,14 @@ class Instance:
         callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
         self.raw.instantiate(callbacks=callbacks, loggingOn=True)
 
-    def _log_2(self, _environment: Any, _name: Any, _status: int, _category: Any, message: bytes) -> None:
-        self.said.append(message.decode(errors="replace"))
+    def _log_2(self, _environment: Any, _name: Any, status: int, category: Any, message: bytes | None) -> None:
+        self._log_3(None, status, category, message)
 
-    def _log_3(self, _environment: Any, _status: int, _category: Any, message: bytes) -> None:
-        self.said.append(message.decode(errors="replace"))
+    def _log_3(self, _environment: Any, status: int, _category: Any, message: bytes | None) -> None:
+        line = (message or b"").decode(errors="replace")
+        self.said.append(line)
+        if status >= fmi2.fmi2Warning:
+            self.complaints.append(line)
 
     def __enter__(self) -> Instance:
         """The instance itself."""
@@ -158,7 +246,7 @@ class Instance:
 
     def start(
         self,
-        values: Mapping[str, float] | None = None,
+        values: Mapping[str, Value | Values] | None = None,
         *,
         time: float = 0.0,
         stop_time: float | None = None,
@@ -181,15 +269,22 @@ class Instance:
         self.raw.enterInitializationMode(**experiment)
         self.raw.exitInitializationMode()
         if self.kind is Kind.MODEL_EXCHANGE:
+            # Every Model Exchange FMU starts in an event.
             self._settle()
             self.raw.enterContinuousTimeMode()
         return self
 
     def _settle(self) -> None:
-        """Iterates the event that every Model Exchange FMU starts in."""
+        """Iterates an event to its end."""
         update = self.raw.newDiscreteStates if self.fmu.version == 2 else self.raw.updateDiscreteStates
-        while update()[0]:
-            pass
+        for _ in range(_MOST_ITERATIONS):
+            again, terminate, _, _, announced, time = update()
+            if terminate:
+                raise FmuError(f"at t = {self.time:g} s the FMU asks to end the simulation")
+            if not again:
+                self.next_event_time = time if announced else None
+                return
+        raise FmuError(f"the event at t = {self.time:g} s does not settle in {_MOST_ITERATIONS} iterations")
 
     def _by_type(self, names: Iterable[str]) -> dict[str, list[str]]:
         groups: dict[str, list[str]] = {}
@@ -200,77 +295,117 @@ class Instance:
         return groups
 
     def _accessor(self, verb: str, type_name: str) -> Any:
-        if self.fmu.version == 2:
-            return getattr(self.raw, verb + _ACCESSORS_2.get(type_name, type_name))
-        return getattr(self.raw, verb + {"Enumeration": "Int64"}.get(type_name, type_name))
+        return getattr(self.raw, verb + _ACCESSORS[self.fmu.version].get(type_name, type_name))
 
     def references(self, names: Iterable[str]) -> list[int]:
         """The value references of variables."""
         return [self._variables[name].valueReference for name in names]
 
-    def set(self, values: Mapping[str, float] | None = None, **more: float) -> None:
-        """Sets scalar variables by name."""
+    def size(self, *names: str) -> int:
+        """The number of elements that variables have together."""
+        return sum(math.prod(self._variables[name].shape or ()) for name in names)
+
+    def set(self, values: Mapping[str, Value | Values] | None = None, **more: Value | Values) -> None:
+        """Sets variables by name, arrays by all of their elements, row by row."""
         values = {**(values or {}), **more}
         for type_name, names in self._by_type(values).items():
             convert = _CONVERTERS.get(type_name, int)
-            self._accessor("set", type_name)(self.references(names), [convert(values[name]) for name in names])
+            flat = [convert(element) for name in names for element in _elements(values[name])]
+            self._accessor("set", type_name)(self.references(names), flat)
+
+    def read(self, *names: str) -> dict[str, tuple[Value, ...]]:
+        """The values of variables of any type but binary ones and clocks, by name, arrays row by row."""
+        found: dict[str, tuple[Value, ...]] = {}
+        for type_name, group in self._by_type(names).items():
+            options = {} if self.fmu.version == 2 else {"nValues": self.size(*group)}
+            flat = iter(self._accessor("get", type_name)(self.references(group), **options))
+            convert = _CONVERTERS.get(type_name, int)
+            found.update({name: tuple(convert(next(flat)) for _ in range(self.size(name))) for name in group})
+        return {name: found[name] for name in names}
 
     def get(self, *names: str) -> NDArray[np.float64]:
-        """The values of scalar variables by name, in the order asked for."""
-        found: dict[str, float] = {}
-        for type_name, group in self._by_type(names).items():
-            found.update(zip(group, self._accessor("get", type_name)(self.references(group)), strict=True))
-        return np.array([found[name] for name in names], dtype=float)
+        """The values of variables that are numbers by name, in the order asked for, arrays row by row."""
+        return np.array([element for values in self.read(*names).values() for element in values], dtype=float)
 
     def __getitem__(self, name: str) -> float:
         """The value of one scalar variable."""
         return float(self.get(name)[0])
 
     def step(self, h: float) -> None:
-        """Co-Simulation: goes h seconds on."""
-        self.raw.doStep(currentCommunicationPoint=self.time, communicationStepSize=h)
+        """Co-Simulation: goes h seconds on.
+
+        Raises:
+            FmuError: the FMU asks to end the simulation.
+        """
+        # Not told that no earlier state will be restored: that may happen at any time.
+        answer = self.raw.doStep(
+            currentCommunicationPoint=self.time, communicationStepSize=h, noSetFMUStatePriorToCurrentPoint=False
+        )
         self.time += h
+        if answer is not None and answer[1]:
+            raise FmuError(f"at t = {self.time:g} s the FMU asks to end the simulation")
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """The continuous states by name, in the order of the state vector."""
-        return tuple(self._states)
+        return tuple(state.name for state in self._states)
 
     def set_states(self, x: Sequence[float] | NDArray[np.float64], time: float | None = None) -> None:
         """Model Exchange: sets the continuous states, and the time where it is given."""
         if time is not None:
             self.time = time
             self.raw.setTime(time)
-        self.raw.setContinuousStates((c_double * len(x))(*x), len(x))
+        if len(x) or self._states:
+            self.raw.setContinuousStates((c_double * len(x))(*x), len(x))
 
     def states(self) -> NDArray[np.float64]:
         """Model Exchange: the continuous states."""
-        x = (c_double * len(self._states))()
-        self.raw.getContinuousStates(x, len(x))
-        return np.array(x)
+        return self._state_vector(self.raw.getContinuousStates)
 
     def derivatives(self) -> NDArray[np.float64]:
         """Model Exchange: the derivatives of the continuous states."""
-        dx = (c_double * len(self._states))()
-        get = self.raw.getDerivatives if self.fmu.version == 2 else self.raw.getContinuousStateDerivatives
-        get(dx, len(dx))
-        return np.array(dx)
+        if self.fmu.version == 2:
+            return self._state_vector(self.raw.getDerivatives)
+        return self._state_vector(self.raw.getContinuousStateDerivatives)
+
+    def _state_vector(self, get: Any) -> NDArray[np.float64]:
+        vector = (c_double * self.size(*self.state_names))()
+        if len(vector):
+            get(vector, len(vector))
+        return np.array(vector)
+
+    def complete_step(self) -> None:
+        """Model Exchange: ends a step of the integration; handles an event where the FMU asks for one or time is up.
+
+        Raises:
+            FmuError: the FMU asks to end the simulation, or an event does not settle.
+        """
+        event = self.next_event_time is not None and self.time >= self.next_event_time
+        if self.fmu.element(self.kind).needsCompletedIntegratorStep:
+            asked, terminate = self.raw.completedIntegratorStep(noSetFMUStatePriorToCurrentPoint=False)
+            if terminate:
+                raise FmuError(f"at t = {self.time:g} s the FMU asks to end the simulation")
+            event = event or asked
+        if event:
+            self.raw.enterEventMode()
+            self._settle()
+            self.raw.enterContinuousTimeMode()
 
     def directional_derivative(
-        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float] | NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """J seed, where J is the Jacobian of the unknowns over the knowns."""
-        return np.array(
-            self.raw.getDirectionalDerivative(self.references(unknowns), self.references(knowns), list(seed))
-        )
+        """J seed, where J is the Jacobian of the unknowns over the knowns, arrays row by row."""
+        options = {} if self.fmu.version == 2 else {"nSensitivity": self.size(*unknowns)}
+        derivative = self.raw.getDirectionalDerivative
+        return np.array(derivative(self.references(unknowns), self.references(knowns), list(seed), **options))
 
     def adjoint_derivative(
-        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float]
+        self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float] | NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """FMI 3.0: seed^T J, where J is the Jacobian of the unknowns over the knowns; a value for each known."""
         return np.array(
             self.raw.getAdjointDerivative(
-                self.references(unknowns), self.references(knowns), list(seed), nSensitivity=len(knowns)
+                self.references(unknowns), self.references(knowns), list(seed), nSensitivity=self.size(*knowns)
             )
         )
 
@@ -311,3 +446,9 @@ class Instance:
     def terminate(self) -> None:
         """Ends the simulation; values can still be read."""
         self.raw.terminate()
+
+
+def _elements(values: Value | Values) -> Iterable[Value]:
+    if isinstance(values, (str, float, int, bool)):
+        return (values,)
+    return np.ravel(values).tolist() if isinstance(values, np.ndarray) else values

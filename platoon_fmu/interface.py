@@ -1,13 +1,14 @@
 """The FMU's variables, the one place that names them.
 
 Value references count through `VARIABLES` in order: states, their derivatives, the other outputs, inputs,
-parameters, start values. The C core relies on that order (fmi/model.h), the modelDescription follows it.
+parameters, start values, and what belongs to the core rather than the model: time and the solver's settings. The C
+core relies on that order (fmi/model.h, fmi/core.h), the modelDescription follows it.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
-from typing import Any
 
 from platoon_fmu.parameters import VehicleParameters
 
@@ -16,19 +17,20 @@ _WHEEL_NAMES = {"fl": "front left", "rl": "rear left", "rr": "rear right", "fr":
 
 @dataclass(frozen=True)
 class Variable:
-    """One scalar real variable of the FMU, in the terms of FMI.
+    """One scalar variable of the FMU, in the terms of FMI; a real one if it has no items.
 
     Attributes:
         name: as a user writes it.
-        causality: `output`, `local`, `input` or `parameter`.
+        causality: `output`, `local`, `input`, `parameter` or `independent`.
         variability: `continuous`, `tunable` or `fixed`.
-        unit: a name in `UNITS`.
+        unit: a name in `UNITS`; empty for an enumeration.
         description: one line, with the frame or the sign where it matters.
         start: start value; None where the FMU calculates it.
         minimum: least sensible value, or None.
         maximum: greatest sensible value, or None.
         nominal: usual magnitude, which an integrator scales its absolute tolerance with.
         derivative_of: for a derivative, the name of its state.
+        items: for an enumeration, its items' names and descriptions, numbered from 1.
     """
 
     name: str
@@ -41,6 +43,12 @@ class Variable:
     maximum: float | None = None
     nominal: float | None = None
     derivative_of: str | None = None
+    items: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def display_unit(self) -> str | None:
+        """The unit a person may rather read, where there is one."""
+        return next(iter(UNITS[self.unit].display), None) if self.unit else None
 
 
 @dataclass(frozen=True)
@@ -85,20 +93,25 @@ def _state(name: str, unit: str, nominal: float, description: str) -> Variable:
     return Variable(name, "output", "continuous", unit, description, nominal=nominal)
 
 
-def _output(name: str, unit: str, description: str) -> Variable:
-    return Variable(name, "output", "continuous", unit, description)
+def _output(name: str, unit: str, nominal: float, description: str, **limits: float) -> Variable:
+    return Variable(name, "output", "continuous", unit, description, nominal=nominal, **limits)
 
 
-def _input(name: str, unit: str, description: str, start: float = 0.0, **limits: Any) -> Variable:
-    return Variable(name, "input", "continuous", unit, description, start=start, **limits)
+def _input(name: str, unit: str, nominal: float, description: str, *, start: float = 0.0, **limits: float) -> Variable:
+    return Variable(name, "input", "continuous", unit, description, nominal=nominal, start=start, **limits)
 
 
 def _start(name: str, unit: str, description: str) -> Variable:
     return Variable(name, "parameter", "fixed", unit, description, start=0.0)
 
 
-def _per_wheel(prefix: str, unit: str, description: str) -> tuple[Variable, ...]:
-    return tuple(_output(f"{prefix}_{n}", unit, f"{description}, {w}") for n, w in _WHEEL_NAMES.items())
+def _per_wheel(prefix: str, unit: str, nominal: float, description: str, **limits: float) -> tuple[Variable, ...]:
+    return tuple(
+        _output(f"{prefix}_{n}", unit, nominal, f"{description}, {w}", **limits) for n, w in _WHEEL_NAMES.items()
+    )
+
+
+_QUARTER_TURN = {"minimum": -math.pi / 2, "maximum": math.pi / 2}
 
 
 STATES = (
@@ -128,25 +141,27 @@ DERIVATIVES = tuple(
 )
 
 OUTPUTS = (
-    _output("a_x", "m/s2", "acceleration of the centre of mass, forward, dv_x/dt - v_y gamma"),
-    _output("a_y", "m/s2", "acceleration of the centre of mass, to the left, dv_y/dt + v_x gamma"),
-    _output("beta", "rad", "side-slip angle at the centre of mass (regularised at low speed)"),
-    *_per_wheel("F_x", "N", "longitudinal tyre force in wheel axes"),
-    *_per_wheel("F_y", "N", "lateral tyre force in wheel axes"),
-    *_per_wheel("F_z", "N", "tyre load"),
-    *_per_wheel("alpha", "rad", "tyre slip angle, positive where it pushes left (as in the paper)"),
-    *_per_wheel("kappa", "1", "slip ratio (R_w omega - v)/|v| (regularised at low speed)"),
+    _output("a_x", "m/s2", 1.0, "acceleration of the centre of mass, forward, dv_x/dt - v_y gamma"),
+    _output("a_y", "m/s2", 1.0, "acceleration of the centre of mass, to the left, dv_y/dt + v_x gamma"),
+    _output("beta", "rad", 0.1, "side-slip angle at the centre of mass (regularised at low speed)", **_QUARTER_TURN),
+    *_per_wheel("F_x", "N", 1000.0, "longitudinal tyre force in wheel axes"),
+    *_per_wheel("F_y", "N", 1000.0, "lateral tyre force in wheel axes"),
+    *_per_wheel("F_z", "N", 1000.0, "tyre load", minimum=0.0),
+    *_per_wheel(
+        "alpha", "rad", 0.1, "tyre slip angle, positive where it pushes left (as in the paper)", **_QUARTER_TURN
+    ),
+    *_per_wheel("kappa", "1", 0.1, "slip ratio (R_w omega - v)/|v| (regularised at low speed)"),
 )
 
 INPUTS = (
-    _input("steering_angle", "rad", "road-wheel angle of both front wheels, positive to the left"),
-    *(_input(f"wheel_torque_{n}", "N.m", f"torque on the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
-    _input("lambda_f", "1", "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
-    _input("lambda_r", "1", "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
-    _input("mu", "1", "tyre-road friction coefficient", VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
-    _input("force_x", "N", "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
-    _input("force_y", "N", "external force at the centre of mass along the vehicle's y axis (wind, slope)"),
-    _input("moment_z", "N.m", "external yaw moment"),
+    _input("steering_angle", "rad", 0.1, "road-wheel angle of both front wheels, positive to the left"),
+    *(_input(f"wheel_torque_{n}", "N.m", 100.0, f"torque on the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
+    _input("lambda_f", "1", 1.0, "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
+    _input("lambda_r", "1", 1.0, "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
+    _input("mu", "1", 1.0, "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
+    _input("force_x", "N", 1000.0, "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
+    _input("force_y", "N", 1000.0, "external force at the centre of mass along the vehicle's y axis (wind, slope)"),
+    _input("moment_z", "N.m", 1000.0, "external yaw moment"),
 )
 
 _DEFAULTS = VehicleParameters()
@@ -176,4 +191,48 @@ STARTS = (
     _start("gamma_start", "rad/s", "start value of gamma"),
 )
 
-VARIABLES = (*STATES, *DERIVATIVES, *OUTPUTS, *INPUTS, *PARAMETERS, *STARTS)
+TIME = Variable("time", "independent", "continuous", "s", "simulation time")
+
+#: The real settings of the Co-Simulation's solver; in Model Exchange the importer has its own.
+SOLVER_SETTINGS = (
+    Variable(
+        "solver_step",
+        "parameter",
+        "fixed",
+        "s",
+        "Co-Simulation: longest step of the fixed-step solver",
+        start=1e-3,
+        minimum=1e-6,
+        maximum=1e-2,
+    ),
+    Variable(
+        "solver_tolerance",
+        "parameter",
+        "fixed",
+        "1",
+        "Co-Simulation: relative tolerance of the adaptive solver, unless the experiment's is smaller",
+        start=1e-6,
+        minimum=1e-13,
+        maximum=1e-1,
+    ),
+)
+
+SOLVER = Variable(
+    "solver",
+    "parameter",
+    "fixed",
+    "",
+    "Co-Simulation: the solver",
+    start=1,
+    minimum=1,
+    maximum=2,
+    items=(
+        ("runge_kutta_4", "classical Runge-Kutta, order 4, fixed step"),
+        ("dormand_prince_5", "Dormand-Prince, orders 5 and 4, adaptive step"),
+    ),
+)
+
+#: All variables of the model itself; they have the first value references.
+MODEL_VARIABLES = (*STATES, *DERIVATIVES, *OUTPUTS, *INPUTS, *PARAMETERS, *STARTS)
+
+VARIABLES = (*MODEL_VARIABLES, TIME, *SOLVER_SETTINGS, SOLVER)

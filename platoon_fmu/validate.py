@@ -1,71 +1,98 @@
-"""Checks of an FMU: fmpy's static ones, and a short run of every kind the FMU says it has."""
+"""All checks of an FMU: fmpy's static ones, and what a binary for this platform does when it is called."""
 
 from __future__ import annotations
 
-import zipfile
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
+from platoon_fmu.archive import one_line
 from platoon_fmu.errors import FmuError
+from platoon_fmu.findings import Check, Outcome
 
-_RUN_S = 0.1
+if TYPE_CHECKING:
+    from platoon_fmu.importer import OpenFmu
 
-
-def check_archive(fmu: Path) -> None:
-    """Refuses a file that is no FMU at all.
-
-    Raises:
-        FmuError: it is missing, no zip file, damaged, or has no modelDescription.xml.
-    """
-    if not fmu.is_file():
-        raise FmuError(f"{fmu}: no such file")
-    try:
-        with zipfile.ZipFile(fmu) as archive:
-            names = archive.namelist()
-            broken = archive.testzip()
-    except (zipfile.BadZipFile, OSError, EOFError) as error:
-        raise FmuError(f"{fmu}: not a zip file, so not an FMU ({error})") from error
-    if broken is not None:
-        raise FmuError(f"{fmu}: the member {broken} is damaged")
-    if "modelDescription.xml" not in names:
-        raise FmuError(f"{fmu}: has no modelDescription.xml, so it is not an FMU")
+#: How long one dynamic check may take before its FMU counts as hung [s].
+TIMEOUT_S = 60.0
 
 
-def _run(fmu: Path, description: Any, kind: str) -> list[str]:
-    """The problems of a short run of one kind; what the FMU logs about it comes along."""
-    import fmpy
+def validate(fmu: Path, timeout_s: float = TIMEOUT_S) -> Iterator[Check]:
+    """Checks an FMU, each check made when it is asked for.
 
-    said: list[str] = []
-
-    def logger(_environment: Any, _instance: Any, status: int, _category: Any, message: bytes) -> None:
-        said.append(f"status {status}: {message.decode(errors='replace')}")
-
-    try:
-        fmpy.simulate_fmu(
-            str(fmu), model_description=description, fmi_type=kind, stop_time=_RUN_S, logger=logger, debug_logging=True
-        )
-    except Exception as error:  # noqa: BLE001 - whatever a foreign FMU does wrong is what is asked for
-        return [f"{kind}: a run of {_RUN_S} s failed: {error}", *said]
-    return [f"{kind}: {line}" for line in said]
-
-
-def validate(fmu: Path) -> list[str]:
-    """The problems found in an FMU, one line each; empty where there is none.
+    Args:
+        fmu: the file.
+        timeout_s: how long one dynamic check may take [s].
 
     Raises:
-        FmuError: the file is missing, damaged or no FMU.
+        FmuError: the file is missing, damaged, no FMU, or its binary for this platform cannot be loaded.
     """
-    check_archive(fmu)
-    # fmpy changes the working directory while it runs an FMU, and stays there where that fails.
-    fmu = fmu.resolve()
-    import fmpy
+    from platoon_fmu.importer import opened
+
+    with opened(fmu) as unpacked:
+        if not unpacked.kinds or not unpacked.runs_here:
+            yield from static_checks(fmu)
+            yield Check("dynamic checks", "", Outcome.SKIPPED, _why_not_run(unpacked))
+            return
+        with _dynamic_checks(fmu, unpacked.folder, timeout_s) as dynamic_checks:
+            yield from static_checks(fmu)
+            yield from dynamic_checks
+
+
+def static_checks(fmu: Path) -> Iterator[Check]:
+    """What fmpy finds in the archive's names and its modelDescription.xml.
+
+    At the first error against the XML schema fmpy looks no further.
+    """
     from fmpy.validation import validate_fmu
 
-    problems = [str(problem) for problem in validate_fmu(str(fmu))]
-    if problems:
-        return problems
-    description = fmpy.read_model_description(str(fmu))
-    kinds = {"ModelExchange": description.modelExchange, "CoSimulation": description.coSimulation}
-    if fmpy.platform not in fmpy.supported_platforms(str(fmu)):
-        return [f"there is no binary for this platform ({fmpy.platform}), so it was not run"]
-    return [line for kind, there in kinds.items() if there is not None for line in _run(fmu, description, kind)]
+    problems = [one_line(problem) for problem in validate_fmu(str(fmu.resolve()))]
+    for text in problems:
+        yield Check("static", "", Outcome.PROBLEM, text)
+    if not problems:
+        yield Check("static", "", Outcome.PASSED, "fmpy finds nothing wrong in schema, variables and model structure")
+
+
+def _why_not_run(fmu: OpenFmu) -> str:
+    import fmpy
+
+    if not fmu.kinds:
+        return "the FMU has neither Model Exchange nor Co-Simulation"
+    others = f"it has some for {', '.join(fmu.platforms)}" if fmu.platforms else "it has none at all"
+    return f"the FMU has no binary for this platform, {fmpy.platform_tuple}; {others}"
+
+
+@contextmanager
+def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Iterator[Check]]:
+    """A process at work, and what it finds.
+
+    Raises:
+        FmuError: a binary cannot be loaded.
+    """
+    # -P: nothing that lies in the working directory is taken for a module.
+    command = [sys.executable, "-P", "-m", "platoon_fmu.check_process", str(folder), str(timeout_s)]
+    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            answers = _answers(process)
+            unloadable = next(answers)["unloadable"]
+            if unloadable:
+                raise FmuError(f"{fmu}: {one_line(unloadable).replace(f'{folder}/', '')}")
+            yield (Check(a["name"], a["kind"], Outcome(a["outcome"]), a["text"]) for a in answers)
+        finally:
+            process.kill()
+
+
+def _answers(process: subprocess.Popen[str]) -> Iterator[dict[str, str]]:
+    """What a process says line by line, to its end.
+
+    Raises:
+        FmuError: it ended before it was done.
+    """
+    for line in process.stdout or ():
+        yield json.loads(line)
+    if process.wait():
+        raise FmuError(f"the process that checks the FMU ended with status {process.returncode}")

@@ -173,7 +173,17 @@ def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path)
     for place in ("file", "file/inside", "/proc/inside"):
         message = refused("fmu", "build", "-o", place, cwd=tmp_path)
         assert f"{place}: the FMU cannot be put there" in message
-        assert "Building" not in message
+        assert "generating" not in message
+
+
+def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path):
+    done = platoon("fmu", "build", "--fmi", "3", "--platform", "native", "-o", "here", cwd=tmp_path)
+    assert done.stdout.split() == ["here/Vehicle_FMI3.fmu"]
+    generating, compiling = done.stderr.splitlines()
+    assert "generating" in generating
+    assert "compiling for" in compiling
+    assert "known are native, x86_64-linux" in refused("fmu", "build", "--platform", "vax", cwd=tmp_path)
+    assert "--fmi" in refused("fmu", "build", "--fmi", "4", cwd=tmp_path)
 
 
 def test_fmu_info_of_another_archive_is_refused(tmp_path):

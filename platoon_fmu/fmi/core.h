@@ -1,8 +1,11 @@
-/* The model-independent and FMI-version-independent core: instances, their values, phases and time.
+/* The model-independent and FMI-version-independent core: instances, their values, phases, time and log.
  *
- * The faces (fmi2.c, ...) translate the standard's functions into these; which call is allowed in which phase is the
- * faces' business, as it differs between versions. Functions that can be refused return false, change nothing and
- * leave the reason in `message`. Instances share nothing, so they may live in different threads.
+ * The faces (fmi2.c, fmi3.c) translate the standard's functions into these; which call is allowed in which phase is in
+ * their tables, as it differs between versions. Functions that can be refused return false, change nothing and have
+ * logged the reason. Instances share nothing, so they may live in different threads.
+ *
+ * Value references count through the model's variables (model.h) and then the core's own: time, solver_step,
+ * solver_tolerance and, the only integer, solver.
  */
 #ifndef PLATOON_CORE_H
 #define PLATOON_CORE_H
@@ -11,6 +14,7 @@
 #include <stddef.h>
 
 #include "model.h"
+#include "solver.h"
 
 typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
 
@@ -18,49 +22,127 @@ typedef enum { MODEL_EXCHANGE, CO_SIMULATION } Kind;
 typedef enum {
     INSTANTIATED = 1 << 0,
     INITIALIZATION = 1 << 1,
-    EVENT = 1 << 2,      /* model exchange, between steps */
-    CONTINUOUS = 1 << 3, /* model exchange, within steps */
-    STEPPING = 1 << 4,   /* co-simulation, between steps */
-    TERMINATED = 1 << 5,
-    FAILED = 1 << 6
+    EVENT = 1 << 2,        /* model exchange, between steps */
+    CONTINUOUS = 1 << 3,   /* model exchange, within steps */
+    STEPPING = 1 << 4,     /* co-simulation, between steps */
+    INTERMEDIATE = 1 << 5, /* co-simulation, in a callback after a step of the solver */
+    TERMINATED = 1 << 6,
+    FAILED = 1 << 7
 } Phase;
 
+#define ANY_PHASE 0xff
+
+/* A function of the standard, and the phases in which it may be called. */
 typedef struct {
+    const char *name;
+    unsigned int model_exchange, co_simulation; /* masks of phases */
+} Rule;
+
+/* What is logged, one bit each; category_name gives the names of the modelDescription. */
+typedef enum { LOG_ERRORS = 1 << 0, LOG_EVENTS = 1 << 1 } LogCategory;
+
+typedef struct Instance Instance;
+
+/* Hands a message to the importer. */
+typedef void (*LogSink)(const Instance *instance, LogCategory category, const char *text);
+
+/* All that persists besides the values: with x, u and p it is the state of an instance. */
+typedef struct {
+    double time;                 /* [s] */
+    double stop_time;            /* [s], infinite where none was given */
+    double experiment_tolerance; /* infinite where none was given */
+    double step_proposal;        /* of the adaptive solver [s] */
+    SolverSettings solver;
+    Phase phase;
+} Status;
+
+struct Instance {
     const Model *model;
     Kind kind;
-    Phase phase;
-    double time;                /* [s] */
-    double stop_time;           /* [s], infinite where none was given */
-    double *x, *u, *p;          /* all that persists, besides time and phase: states, inputs, parameters */
-    double *dx, *y, *work;      /* follow from the above */
-    bool x_current, dx_current, y_current;
-    char message[200];
-} Instance;
+    char *name;
+    void *host; /* the face's own */
+    LogSink sink;
+    int logged; /* log categories */
+    Status status;
+    double *x, *u, *p; /* states, inputs, parameters: in one block */
+    double *dx, *y, *jacobian, *seed, *sensitivity, *work; /* follow from the above, or are scratch */
+    bool x_current, dx_current, y_current, jacobian_current;
+};
+
+/* A copy of an instance's state. */
+typedef struct State State;
 
 /* A new instance with start values, or NULL where memory is short. Freed by core_free. */
-Instance *core_new(const Model *model, Kind kind);
+Instance *core_new(const Model *model, Kind kind, const char *name, LogSink sink, void *host);
 void core_free(Instance *instance);
 
 /* Back to what core_new gave. */
 void core_reset(Instance *instance);
 
-/* Writes the values of n variables. Refused for an unknown value reference. */
-bool core_get(Instance *instance, const unsigned int *references, size_t n, double *values);
+/* Whether the function may be called now; logged where not. */
+bool core_allows(const Instance *instance, const Rule *rule);
 
-/* Sets n inputs or parameters: all of them or, where one is refused, none. Refused for an unknown value reference, for
- * one that cannot be set (now or ever), and for a value that is not finite. */
-bool core_set(Instance *instance, const unsigned int *references, size_t n, const double *values);
+/* Logs "NAME: reason." as an error, and returns false. */
+bool core_refuse(const Instance *instance, const Rule *rule, const char *reason, ...);
+
+/* Which categories are logged, by name; none means all. Refused for an unknown one. */
+bool core_set_logging(Instance *instance, const Rule *rule, bool on, size_t n, const char *const categories[]);
+const char *core_category_name(LogCategory category);
+
+/* The times of the experiment, and a tolerance that tightens the adaptive solver's; stop and tolerance are infinite where
+ * there is none. Refused where they make no sense. */
+bool core_set_experiment(Instance *instance, const Rule *rule, double tolerance, double start, double stop);
+
+/* Goes to another phase. Leaving the initialization the states become the integrator's. */
+void core_enter(Instance *instance, Phase phase);
+
+/* Writes the values of n real variables. Refused for value references of no such variable. */
+bool core_get(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, double *values);
+
+/* Sets n inputs or parameters: all of them or, where one is refused, none. Refused for value references of no such
+ * variable, for one that cannot be set (now or ever), and for a value that is not finite or that no solver works with. */
+bool core_set(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, const double *values);
+
+/* The same for the integer ones, each by itself. */
+bool core_get_integer(const Instance *instance, const Rule *rule, unsigned int reference, int *value);
+bool core_can_set_integer(const Instance *instance, const Rule *rule, unsigned int reference, double value);
+void core_set_integer(Instance *instance, unsigned int reference, int value);
 
 /* The continuous states and their derivatives, n_states values each; setting is refused for non-finite values. */
 const double *core_states(Instance *instance);
 const double *core_derivatives(Instance *instance);
-bool core_set_states(Instance *instance, const double *x);
+bool core_set_states(Instance *instance, const Rule *rule, const double *x);
 
-/* Leaves the initialization: from here on the states are the integrator's. */
-void core_start(Instance *instance);
+/* Whether the variable is a state, a derivative or an output. */
+bool core_is_unknown(const Instance *instance, unsigned int reference);
 
-/* Co-simulation: from `time` by h > 0 seconds with constant inputs. Refused for a time that is not the instance's, for
- * h <= 0, and past the stop time. Where the result is not finite the phase becomes FAILED. */
-bool core_step(Instance *instance, double time, double h);
+/* sensitivity = J seed, or seed' J for `adjoint`, where J is the Jacobian of the unknowns (states, derivatives, outputs)
+ * over the knowns: states and inputs or, before the simulation, inputs and parameters. Refused for other variables. */
+bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, const unsigned int *unknowns, size_t n_unknowns,
+                        const unsigned int *knowns, size_t n_knowns, const double *seed, double *sensitivity);
+
+/* First time derivatives of unknowns, the inputs being constant. */
+bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, double *values);
+
+/* Called after each step of the solver, in the phase INTERMEDIATE; may lower *until, the time to return at. */
+typedef void (*AfterStep)(Instance *instance, double *until);
+
+/* Co-simulation: from `time` by h > 0 seconds with constant inputs, or to the time that `after_step` (or NULL) asks to
+ * return at. Refused for a time that is not the instance's, for h <= 0, and past the stop time. Where the result is not
+ * finite, or the tolerance cannot be met, the phase becomes FAILED. */
+bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step);
+
+/* A copy of the instance's state, into *state or, where that is NULL, into a new one. Refused where memory is short. */
+bool core_save(const Instance *instance, const Rule *rule, State **state);
+void core_discard(State *state);
+
+/* Refused for the state of another model or kind. */
+bool core_restore(Instance *instance, const Rule *rule, const State *state);
+
+/* A state as core_serialized_size bytes, the same on every platform, and back into *state as core_save does. Bytes of
+ * another model, version or kind, or that were changed, are refused. */
+size_t core_serialized_size(const Instance *instance);
+bool core_serialize(const Instance *instance, const Rule *rule, const State *state, unsigned char *bytes, size_t size);
+bool core_deserialize(const Instance *instance, const Rule *rule, const unsigned char *bytes, size_t size, State **state);
 
 #endif

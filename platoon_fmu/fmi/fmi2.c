@@ -1,117 +1,81 @@
 /* FMI 2.0, Model Exchange and Co-Simulation: the thin face of the core. */
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "core.h"
 #include "fmi2Functions.h"
 
-#define LOG_ERRORS "logStatusError"
-
-typedef struct {
-    Instance *core;
-    char *name;
-    fmi2CallbackFunctions callbacks;
-    bool logging;
-} Component;
-
 /* ---- which call is allowed when: FMI 2.0.4, the tables of sections 3.2.3 and 4.2.4 ---- */
 
-typedef enum {
-    FREE_INSTANCE, SET_DEBUG_LOGGING, SETUP_EXPERIMENT, ENTER_INITIALIZATION, EXIT_INITIALIZATION, TERMINATE, RESET,
-    GET_VALUES, SET_VALUES,
-    ENTER_EVENT, NEW_DISCRETE_STATES, ENTER_CONTINUOUS, COMPLETED_STEP, SET_TIME, SET_STATES, GET_DERIVATIVES,
-    GET_EVENT_INDICATORS, GET_STATES, GET_NOMINALS,
-    DO_STEP, CANCEL_STEP, GET_STATUS
-} Call;
+#define BEFORE_START (INSTANTIATED | INITIALIZATION)
+#define SIMULATED_ME (EVENT | CONTINUOUS | TERMINATED | FAILED)
+#define SIMULATED_CS (STEPPING | TERMINATED | FAILED)
+#define SAVEABLE (ANY_PHASE & ~FAILED)
 
-#define ANY (INSTANTIATED | INITIALIZATION | EVENT | CONTINUOUS | STEPPING | TERMINATED | FAILED)
-#define AFTER_START_ME (EVENT | CONTINUOUS | TERMINATED | FAILED)
+#define RULE(name, function, model_exchange, co_simulation) static const Rule name = {#function, model_exchange, co_simulation}
 
-static const struct {
-    const char *name;
-    int model_exchange, co_simulation;
-} CALLS[] = {
-    [FREE_INSTANCE] = {"fmi2FreeInstance", ANY, ANY},
-    [SET_DEBUG_LOGGING] = {"fmi2SetDebugLogging", ANY, ANY},
-    [SETUP_EXPERIMENT] = {"fmi2SetupExperiment", INSTANTIATED, INSTANTIATED},
-    [ENTER_INITIALIZATION] = {"fmi2EnterInitializationMode", INSTANTIATED, INSTANTIATED},
-    [EXIT_INITIALIZATION] = {"fmi2ExitInitializationMode", INITIALIZATION, INITIALIZATION},
-    [TERMINATE] = {"fmi2Terminate", EVENT | CONTINUOUS, STEPPING},
-    [RESET] = {"fmi2Reset", ANY, ANY},
-    [GET_VALUES] = {"fmi2GetXXX", INITIALIZATION | AFTER_START_ME, INITIALIZATION | STEPPING | TERMINATED | FAILED},
-    [SET_VALUES] = {"fmi2SetXXX", INSTANTIATED | INITIALIZATION | EVENT | CONTINUOUS,
-                    INSTANTIATED | INITIALIZATION | STEPPING},
-    [ENTER_EVENT] = {"fmi2EnterEventMode", EVENT | CONTINUOUS, 0},
-    [NEW_DISCRETE_STATES] = {"fmi2NewDiscreteStates", EVENT, 0},
-    [ENTER_CONTINUOUS] = {"fmi2EnterContinuousTimeMode", EVENT, 0},
-    [COMPLETED_STEP] = {"fmi2CompletedIntegratorStep", CONTINUOUS, 0},
-    [SET_TIME] = {"fmi2SetTime", EVENT | CONTINUOUS, 0},
-    [SET_STATES] = {"fmi2SetContinuousStates", CONTINUOUS, 0},
-    [GET_DERIVATIVES] = {"fmi2GetDerivatives", INITIALIZATION | AFTER_START_ME, 0},
-    [GET_EVENT_INDICATORS] = {"fmi2GetEventIndicators", INITIALIZATION | AFTER_START_ME, 0},
-    [GET_STATES] = {"fmi2GetContinuousStates", INITIALIZATION | AFTER_START_ME, 0},
-    [GET_NOMINALS] = {"fmi2GetNominalsOfContinuousStates", INSTANTIATED | INITIALIZATION | AFTER_START_ME, 0},
-    [DO_STEP] = {"fmi2DoStep", 0, STEPPING},
-    [CANCEL_STEP] = {"fmi2CancelStep", 0, 0},
-    [GET_STATUS] = {"fmi2GetXXXStatus", 0, STEPPING | TERMINATED | FAILED},
-};
+RULE(INSTANTIATE, fmi2Instantiate, 0, 0);
+RULE(SET_DEBUG_LOGGING, fmi2SetDebugLogging, ANY_PHASE, ANY_PHASE);
+RULE(SETUP_EXPERIMENT, fmi2SetupExperiment, INSTANTIATED, INSTANTIATED);
+RULE(ENTER_INITIALIZATION, fmi2EnterInitializationMode, INSTANTIATED, INSTANTIATED);
+RULE(EXIT_INITIALIZATION, fmi2ExitInitializationMode, INITIALIZATION, INITIALIZATION);
+RULE(TERMINATE, fmi2Terminate, EVENT | CONTINUOUS, STEPPING);
+RULE(RESET, fmi2Reset, ANY_PHASE, ANY_PHASE);
+RULE(GET_REAL, fmi2GetReal, INITIALIZATION | SIMULATED_ME, INITIALIZATION | SIMULATED_CS);
+RULE(GET_INTEGER, fmi2GetInteger, INITIALIZATION | SIMULATED_ME, INITIALIZATION | SIMULATED_CS);
+RULE(GET_BOOLEAN, fmi2GetBoolean, INITIALIZATION | SIMULATED_ME, INITIALIZATION | SIMULATED_CS);
+RULE(GET_STRING, fmi2GetString, INITIALIZATION | SIMULATED_ME, INITIALIZATION | SIMULATED_CS);
+RULE(SET_REAL, fmi2SetReal, BEFORE_START | EVENT | CONTINUOUS, BEFORE_START | STEPPING);
+RULE(SET_INTEGER, fmi2SetInteger, BEFORE_START | EVENT, BEFORE_START | STEPPING);
+RULE(SET_BOOLEAN, fmi2SetBoolean, BEFORE_START | EVENT, BEFORE_START | STEPPING);
+RULE(SET_STRING, fmi2SetString, BEFORE_START | EVENT, BEFORE_START | STEPPING);
+RULE(GET_FMU_STATE, fmi2GetFMUstate, SAVEABLE, SAVEABLE);
+RULE(SET_FMU_STATE, fmi2SetFMUstate, ANY_PHASE, ANY_PHASE);
+RULE(FREE_FMU_STATE, fmi2FreeFMUstate, ANY_PHASE, ANY_PHASE);
+RULE(SERIALIZED_SIZE, fmi2SerializedFMUstateSize, ANY_PHASE, ANY_PHASE);
+RULE(SERIALIZE, fmi2SerializeFMUstate, ANY_PHASE, ANY_PHASE);
+RULE(DESERIALIZE, fmi2DeSerializeFMUstate, ANY_PHASE, ANY_PHASE);
+RULE(DIRECTIONAL_DERIVATIVE, fmi2GetDirectionalDerivative, INITIALIZATION | SIMULATED_ME, INITIALIZATION | SIMULATED_CS);
+RULE(ENTER_EVENT, fmi2EnterEventMode, EVENT | CONTINUOUS, 0);
+RULE(NEW_DISCRETE_STATES, fmi2NewDiscreteStates, EVENT, 0);
+RULE(ENTER_CONTINUOUS, fmi2EnterContinuousTimeMode, EVENT, 0);
+RULE(COMPLETED_STEP, fmi2CompletedIntegratorStep, CONTINUOUS, 0);
+RULE(SET_TIME, fmi2SetTime, EVENT | CONTINUOUS, 0);
+RULE(SET_STATES, fmi2SetContinuousStates, CONTINUOUS, 0);
+RULE(GET_DERIVATIVES, fmi2GetDerivatives, INITIALIZATION | SIMULATED_ME, 0);
+RULE(GET_EVENT_INDICATORS, fmi2GetEventIndicators, INITIALIZATION | SIMULATED_ME, 0);
+RULE(GET_STATES, fmi2GetContinuousStates, INITIALIZATION | SIMULATED_ME, 0);
+RULE(GET_NOMINALS, fmi2GetNominalsOfContinuousStates, BEFORE_START | SIMULATED_ME, 0);
+RULE(SET_INPUT_DERIVATIVES, fmi2SetRealInputDerivatives, 0, BEFORE_START | STEPPING);
+RULE(GET_OUTPUT_DERIVATIVES, fmi2GetRealOutputDerivatives, 0, STEPPING | TERMINATED);
+RULE(DO_STEP, fmi2DoStep, 0, STEPPING);
+RULE(CANCEL_STEP, fmi2CancelStep, 0, 0);
+RULE(GET_STATUS, fmi2GetXXXStatus, 0, SIMULATED_CS);
 
-static const char *phase_name(Phase phase) {
-    switch (phase) {
-        case INSTANTIATED: return "instantiated";
-        case INITIALIZATION: return "initialization mode";
-        case EVENT: return "event mode";
-        case CONTINUOUS: return "continuous-time mode";
-        case STEPPING: return "step complete";
-        case TERMINATED: return "terminated";
-        case FAILED: return "error";
-    }
-    return "unknown";
+/* The instance where the call is allowed now, else NULL. */
+static Instance *allowed(fmi2Component c, const Rule *rule) {
+    Instance *instance = c;
+
+    return instance && core_allows(instance, rule) ? instance : NULL;
 }
 
-static void log_message(const Component *component, fmi2Status status, const char *format, ...) {
-    char text[400], *percent;
-    va_list arguments;
-
-    if (!component->logging || !component->callbacks.logger) return;
-    va_start(arguments, format);
-    vsnprintf(text, sizeof text, format, arguments);
-    va_end(arguments);
-    /* The logger may take the message for a printf format or, as loggers that are no C, for the text. */
-    while ((percent = strchr(text, '%')) != NULL) *percent = '?';
-    component->callbacks.logger(component->callbacks.componentEnvironment, component->name, status, LOG_ERRORS, text);
-}
-
-/* The component where the call is allowed now, else NULL (and a line in the log). */
-static Component *allowed(fmi2Component c, Call call) {
-    Component *component = c;
-    int phases;
-
-    if (!component) return NULL;
-    phases = component->core->kind == MODEL_EXCHANGE ? CALLS[call].model_exchange : CALLS[call].co_simulation;
-    if (component->core->phase & phases) return component;
-    log_message(component, fmi2Error, "%s is not allowed in %s of %s.", CALLS[call].name,
-                phase_name(component->core->phase),
-                component->core->kind == MODEL_EXCHANGE ? "Model Exchange" : "Co-Simulation");
-    return NULL;
-}
-
-/* The status of a core function's answer; logs its reason. */
-static fmi2Status answer(const Component *component, bool done, Call call) {
-    if (done) return fmi2OK;
-    log_message(component, fmi2Error, "%s: %s.", CALLS[call].name, component->core->message);
-    return fmi2Error;
-}
-
-static fmi2Status refuse(const Component *component, Call call, const char *reason) {
-    log_message(component, fmi2Error, "%s: %s.", CALLS[call].name, reason);
-    return fmi2Error;
-}
+static fmi2Status status_of(bool done) { return done ? fmi2OK : fmi2Error; }
 
 /* ---- common functions ---- */
+
+static void to_importer(const Instance *instance, LogCategory category, const char *text) {
+    const fmi2CallbackFunctions *callbacks = instance->host;
+    char plain[400], *percent;
+
+    if (!callbacks->logger) return;
+    strncpy(plain, text, sizeof plain - 1);
+    plain[sizeof plain - 1] = '\0';
+    /* The logger may take the message for a printf format or, as loggers that are no C, for the text. */
+    while ((percent = strchr(plain, '%')) != NULL) *percent = '?';
+    callbacks->logger(callbacks->componentEnvironment, instance->name, category == LOG_ERRORS ? fmi2Error : fmi2OK,
+                      core_category_name(category), plain);
+}
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 
@@ -120,318 +84,306 @@ const char *fmi2GetVersion(void) { return fmi2Version; }
 fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID,
                               fmi2String fmuResourceLocation, const fmi2CallbackFunctions *functions,
                               fmi2Boolean visible, fmi2Boolean loggingOn) {
-    Component *component;
-    const size_t name_size = instanceName ? strlen(instanceName) + 1 : 0;
+    fmi2CallbackFunctions *callbacks;
+    Instance *instance;
+    /* What prevents an instance is said even where logging is off. */
+    Instance nobody = {.name = "(none)", .sink = to_importer, .logged = LOG_ERRORS};
 
     (void)fmuResourceLocation;
     (void)visible;
     if (!functions) return NULL;
-    component = calloc(1, sizeof *component);
-    if (!component) return NULL;
-    component->callbacks = *functions;
-    component->logging = true; /* what prevents an instance is said even where logging is off */
-    component->name = calloc(name_size ? name_size : 1, 1);
-    if (component->name && instanceName) memcpy(component->name, instanceName, name_size);
-
-    if (name_size <= 1) {
-        log_message(component, fmi2Error, "fmi2Instantiate: the instance name is missing.");
-    } else if (!fmuGUID || strcmp(fmuGUID, platoon_model.token) != 0) {
-        log_message(component, fmi2Error, "fmi2Instantiate: the guid %s is not this binary's %s.",
-                    fmuGUID ? fmuGUID : "(none)", platoon_model.token);
-    } else if (fmuType != fmi2ModelExchange && fmuType != fmi2CoSimulation) {
-        log_message(component, fmi2Error, "fmi2Instantiate: unknown fmuType %d.", (int)fmuType);
-    } else {
-        component->core = core_new(&platoon_model, fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION);
-        if (!component->core) log_message(component, fmi2Error, "fmi2Instantiate: out of memory.");
-    }
-    component->logging = loggingOn;
-    if (!component->core) {
-        fmi2FreeInstance(component);
+    nobody.host = (void *)functions;
+    if (!instanceName || !*instanceName) {
+        core_refuse(&nobody, &INSTANTIATE, "the instance name is missing.");
         return NULL;
     }
-    return component;
+    if (!fmuGUID || strcmp(fmuGUID, platoon_model.token) != 0) {
+        core_refuse(&nobody, &INSTANTIATE, "the guid %s is not this binary's %s.", fmuGUID ? fmuGUID : "(none)",
+                    platoon_model.token);
+        return NULL;
+    }
+    if (fmuType != fmi2ModelExchange && fmuType != fmi2CoSimulation) {
+        core_refuse(&nobody, &INSTANTIATE, "unknown fmuType %d.", (int)fmuType);
+        return NULL;
+    }
+    callbacks = malloc(sizeof *callbacks);
+    instance = callbacks ? core_new(&platoon_model, fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION,
+                                    instanceName, to_importer, callbacks)
+                         : NULL;
+    if (!instance) {
+        core_refuse(&nobody, &INSTANTIATE, "out of memory.");
+        free(callbacks);
+        return NULL;
+    }
+    *callbacks = *functions;
+    instance->logged = loggingOn ? LOG_ERRORS : 0;
+    return instance;
 }
 
 void fmi2FreeInstance(fmi2Component c) {
-    Component *component = c;
+    Instance *instance = c;
 
-    if (!component) return;
-    core_free(component->core);
-    free(component->name);
-    free(component);
+    if (!instance) return;
+    free(instance->host);
+    core_free(instance);
 }
 
 fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean loggingOn, size_t nCategories, const fmi2String categories[]) {
-    Component *component = allowed(c, SET_DEBUG_LOGGING);
-    size_t i;
+    Instance *instance = allowed(c, &SET_DEBUG_LOGGING);
 
-    if (!component) return fmi2Error;
-    for (i = 0; i < nCategories; i++) {
-        if (!categories || !categories[i] || strcmp(categories[i], LOG_ERRORS) != 0) {
-            return refuse(component, SET_DEBUG_LOGGING, "the only log category is " LOG_ERRORS);
-        }
-    }
-    component->logging = loggingOn;
-    return fmi2OK;
+    return status_of(instance && core_set_logging(instance, &SET_DEBUG_LOGGING, loggingOn, nCategories, categories));
 }
 
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean toleranceDefined, fmi2Real tolerance, fmi2Real startTime,
                                fmi2Boolean stopTimeDefined, fmi2Real stopTime) {
-    Component *component = allowed(c, SETUP_EXPERIMENT);
+    Instance *instance = allowed(c, &SETUP_EXPERIMENT);
 
-    (void)toleranceDefined; /* the solver's step is fixed */
-    (void)tolerance;
-    if (!component) return fmi2Error;
-    if (!isfinite(startTime)) return refuse(component, SETUP_EXPERIMENT, "the start time is not finite");
-    if (stopTimeDefined && !(stopTime >= startTime)) {
-        return refuse(component, SETUP_EXPERIMENT, "the stop time is before the start time");
-    }
-    component->core->time = startTime;
-    component->core->stop_time = stopTimeDefined ? stopTime : INFINITY;
+    return status_of(instance && core_set_experiment(instance, &SETUP_EXPERIMENT, toleranceDefined ? tolerance : INFINITY,
+                                                     startTime, stopTimeDefined ? stopTime : INFINITY));
+}
+
+static fmi2Status go_to(fmi2Component c, const Rule *rule, Phase exchange, Phase simulation) {
+    Instance *instance = allowed(c, rule);
+
+    if (!instance) return fmi2Error;
+    core_enter(instance, instance->kind == MODEL_EXCHANGE ? exchange : simulation);
     return fmi2OK;
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c) {
-    Component *component = allowed(c, ENTER_INITIALIZATION);
-
-    if (!component) return fmi2Error;
-    component->core->phase = INITIALIZATION;
-    return fmi2OK;
+    return go_to(c, &ENTER_INITIALIZATION, INITIALIZATION, INITIALIZATION);
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
-    Component *component = allowed(c, EXIT_INITIALIZATION);
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return go_to(c, &EXIT_INITIALIZATION, EVENT, STEPPING); }
 
-    if (!component) return fmi2Error;
-    core_start(component->core);
-    return fmi2OK;
-}
-
-fmi2Status fmi2Terminate(fmi2Component c) {
-    Component *component = allowed(c, TERMINATE);
-
-    if (!component) return fmi2Error;
-    component->core->phase = TERMINATED;
-    return fmi2OK;
-}
+fmi2Status fmi2Terminate(fmi2Component c) { return go_to(c, &TERMINATE, TERMINATED, TERMINATED); }
 
 fmi2Status fmi2Reset(fmi2Component c) {
-    Component *component = allowed(c, RESET);
+    Instance *instance = allowed(c, &RESET);
 
-    if (!component) return fmi2Error;
-    core_reset(component->core);
+    if (!instance) return fmi2Error;
+    core_reset(instance);
     return fmi2OK;
 }
 
-/* ---- values: all variables are Real ---- */
+/* ---- values: Reals, and Integers for enumerations ---- */
 
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Real value[]) {
-    Component *component = allowed(c, GET_VALUES);
+    Instance *instance = allowed(c, &GET_REAL);
 
-    if (!component) return fmi2Error;
-    if (nvr > 0 && (!vr || !value)) return refuse(component, GET_VALUES, "an array is missing");
-    return answer(component, core_get(component->core, vr, nvr, value), GET_VALUES);
+    return status_of(instance && core_get(instance, &GET_REAL, vr, nvr, value));
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Real value[]) {
-    Component *component = allowed(c, SET_VALUES);
+    Instance *instance = allowed(c, &SET_REAL);
 
-    if (!component) return fmi2Error;
-    if (nvr > 0 && (!vr || !value)) return refuse(component, SET_VALUES, "an array is missing");
-    return answer(component, core_set(component->core, vr, nvr, value), SET_VALUES);
+    return status_of(instance && core_set(instance, &SET_REAL, vr, nvr, value));
 }
 
-static fmi2Status no_such_type(fmi2Component c, Call call, size_t nvr, const char *reason) {
-    Component *component = allowed(c, call);
+fmi2Status fmi2GetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2Integer value[]) {
+    Instance *instance = allowed(c, &GET_INTEGER);
+    size_t i;
 
-    if (!component) return fmi2Error;
-    return nvr == 0 ? fmi2OK : refuse(component, call, reason);
+    if (!instance) return fmi2Error;
+    if (nvr > 0 && (!vr || !value)) return status_of(core_refuse(instance, &GET_INTEGER, "an array is missing."));
+    for (i = 0; i < nvr; i++) {
+        if (!core_get_integer(instance, &GET_INTEGER, vr[i], &value[i])) return fmi2Error;
+    }
+    return fmi2OK;
+}
+
+fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer value[]) {
+    Instance *instance = allowed(c, &SET_INTEGER);
+    size_t i;
+
+    if (!instance) return fmi2Error;
+    if (nvr > 0 && (!vr || !value)) return status_of(core_refuse(instance, &SET_INTEGER, "an array is missing."));
+    for (i = 0; i < nvr; i++) {
+        if (!core_can_set_integer(instance, &SET_INTEGER, vr[i], value[i])) return fmi2Error;
+    }
+    for (i = 0; i < nvr; i++) core_set_integer(instance, vr[i], value[i]);
+    return fmi2OK;
 }
 
 /* One accessor of a type that no variable has. */
-#define NO_SUCH_TYPE(Function, call, Argument, reason)                                                    \
+#define NO_SUCH_TYPE(Function, RULE_OF_IT, Argument, type)                                              \
     fmi2Status Function(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, Argument value[]) { \
+        Instance *instance = allowed(c, &RULE_OF_IT);                                                   \
         (void)vr;                                                                                       \
         (void)value;                                                                                    \
-        return no_such_type(c, call, nvr, reason);                                                      \
+        return status_of(instance && (nvr == 0 || core_refuse(instance, &RULE_OF_IT, "no variable is of the type " type "."))); \
     }
 
-NO_SUCH_TYPE(fmi2GetInteger, GET_VALUES, fmi2Integer, "no variable is an Integer")
-NO_SUCH_TYPE(fmi2GetBoolean, GET_VALUES, fmi2Boolean, "no variable is a Boolean")
-NO_SUCH_TYPE(fmi2GetString, GET_VALUES, fmi2String, "no variable is a String")
-NO_SUCH_TYPE(fmi2SetInteger, SET_VALUES, const fmi2Integer, "no variable is an Integer")
-NO_SUCH_TYPE(fmi2SetBoolean, SET_VALUES, const fmi2Boolean, "no variable is a Boolean")
-NO_SUCH_TYPE(fmi2SetString, SET_VALUES, const fmi2String, "no variable is a String")
+NO_SUCH_TYPE(fmi2GetBoolean, GET_BOOLEAN, fmi2Boolean, "Boolean")
+NO_SUCH_TYPE(fmi2GetString, GET_STRING, fmi2String, "String")
+NO_SUCH_TYPE(fmi2SetBoolean, SET_BOOLEAN, const fmi2Boolean, "Boolean")
+NO_SUCH_TYPE(fmi2SetString, SET_STRING, const fmi2String, "String")
 
-/* ---- capabilities the modelDescription does not claim ---- */
-
-static fmi2Status not_provided(fmi2Component c, const char *name) {
-    if (c) log_message(c, fmi2Error, "%s is not provided by this FMU (see its capability flags).", name);
-    return fmi2Error;
-}
+/* ---- states and derivatives ---- */
 
 fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
-    (void)FMUstate;
-    return not_provided(c, "fmi2GetFMUstate");
+    Instance *instance = allowed(c, &GET_FMU_STATE);
+
+    return status_of(instance && core_save(instance, &GET_FMU_STATE, (State **)FMUstate));
 }
 
 fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate FMUstate) {
-    (void)FMUstate;
-    return not_provided(c, "fmi2SetFMUstate");
+    Instance *instance = allowed(c, &SET_FMU_STATE);
+
+    return status_of(instance && core_restore(instance, &SET_FMU_STATE, FMUstate));
 }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *FMUstate) {
-    (void)FMUstate;
-    return not_provided(c, "fmi2FreeFMUstate");
+    if (!allowed(c, &FREE_FMU_STATE)) return fmi2Error;
+    if (!FMUstate) return fmi2OK;
+    core_discard(*FMUstate);
+    *FMUstate = NULL;
+    return fmi2OK;
 }
 
 fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate FMUstate, size_t *size) {
-    (void)FMUstate;
-    (void)size;
-    return not_provided(c, "fmi2SerializedFMUstateSize");
+    Instance *instance = allowed(c, &SERIALIZED_SIZE);
+
+    (void)FMUstate; /* all states are of one size */
+    if (!instance) return fmi2Error;
+    if (!size) return status_of(core_refuse(instance, &SERIALIZED_SIZE, "the place for the size is missing."));
+    *size = core_serialized_size(instance);
+    return fmi2OK;
 }
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byte serializedState[], size_t size) {
-    (void)FMUstate;
-    (void)serializedState;
-    (void)size;
-    return not_provided(c, "fmi2SerializeFMUstate");
+    Instance *instance = allowed(c, &SERIALIZE);
+
+    return status_of(instance &&
+                     core_serialize(instance, &SERIALIZE, FMUstate, (unsigned char *)serializedState, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate) {
-    (void)serializedState;
-    (void)size;
-    (void)FMUstate;
-    return not_provided(c, "fmi2DeSerializeFMUstate");
+    Instance *instance = allowed(c, &DESERIALIZE);
+
+    return status_of(instance && core_deserialize(instance, &DESERIALIZE, (const unsigned char *)serializedState, size,
+                                                  (State **)FMUstate));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
                                         const fmi2ValueReference vKnown_ref[], size_t nKnown, const fmi2Real dvKnown[],
                                         fmi2Real dvUnknown[]) {
-    (void)vUnknown_ref;
-    (void)nUnknown;
-    (void)vKnown_ref;
-    (void)nKnown;
-    (void)dvKnown;
-    (void)dvUnknown;
-    return not_provided(c, "fmi2GetDirectionalDerivative");
+    Instance *instance = allowed(c, &DIRECTIONAL_DERIVATIVE);
+
+    return status_of(instance && core_differentiate(instance, &DIRECTIONAL_DERIVATIVE, false, vUnknown_ref, nUnknown, vKnown_ref,
+                                                    nKnown, dvKnown, dvUnknown));
 }
 
 fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                                        const fmi2Integer order[], const fmi2Real value[]) {
+    Instance *instance = allowed(c, &SET_INPUT_DERIVATIVES);
+
     (void)vr;
     (void)nvr;
     (void)order;
     (void)value;
-    return not_provided(c, "fmi2SetRealInputDerivatives");
+    return status_of(instance && core_refuse(instance, &SET_INPUT_DERIVATIVES, "inputs are held (canInterpolateInputs is false)."));
 }
 
 fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
                                         const fmi2Integer order[], fmi2Real value[]) {
-    (void)vr;
-    (void)nvr;
-    (void)order;
-    (void)value;
-    return not_provided(c, "fmi2GetRealOutputDerivatives");
+    Instance *instance = allowed(c, &GET_OUTPUT_DERIVATIVES);
+    size_t i;
+
+    if (!instance) return fmi2Error;
+    if (nvr > 0 && !order) return status_of(core_refuse(instance, &GET_OUTPUT_DERIVATIVES, "the orders are missing."));
+    for (i = 0; i < nvr; i++) {
+        if (order[i] == 1) continue;
+        return status_of(core_refuse(instance, &GET_OUTPUT_DERIVATIVES, "the order must be 1, not %d.", (int)order[i]));
+    }
+    return status_of(core_time_derivatives(instance, &GET_OUTPUT_DERIVATIVES, vr, nvr, value));
 }
 
 /* ---- Model Exchange ---- */
 
-fmi2Status fmi2EnterEventMode(fmi2Component c) {
-    Component *component = allowed(c, ENTER_EVENT);
-
-    if (!component) return fmi2Error;
-    component->core->phase = EVENT;
-    return fmi2OK;
-}
+fmi2Status fmi2EnterEventMode(fmi2Component c) { return go_to(c, &ENTER_EVENT, EVENT, EVENT); }
 
 fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *eventInfo) {
     static const fmi2EventInfo NOTHING_HAPPENED = {0};
-    Component *component = allowed(c, NEW_DISCRETE_STATES);
+    Instance *instance = allowed(c, &NEW_DISCRETE_STATES);
 
-    if (!component) return fmi2Error;
-    if (!eventInfo) return refuse(component, NEW_DISCRETE_STATES, "the event information is missing");
+    if (!instance) return fmi2Error;
+    if (!eventInfo) return status_of(core_refuse(instance, &NEW_DISCRETE_STATES, "the event information is missing."));
     *eventInfo = NOTHING_HAPPENED;
     return fmi2OK;
 }
 
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
-    Component *component = allowed(c, ENTER_CONTINUOUS);
-
-    if (!component) return fmi2Error;
-    component->core->phase = CONTINUOUS;
-    return fmi2OK;
-}
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) { return go_to(c, &ENTER_CONTINUOUS, CONTINUOUS, CONTINUOUS); }
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetFMUStatePriorToCurrentPoint,
                                        fmi2Boolean *enterEventMode, fmi2Boolean *terminateSimulation) {
-    Component *component = allowed(c, COMPLETED_STEP);
+    Instance *instance = allowed(c, &COMPLETED_STEP);
 
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!component) return fmi2Error;
-    if (!enterEventMode || !terminateSimulation) return refuse(component, COMPLETED_STEP, "a result pointer is missing");
+    if (!instance) return fmi2Error;
+    if (!enterEventMode || !terminateSimulation) {
+        return status_of(core_refuse(instance, &COMPLETED_STEP, "a result pointer is missing."));
+    }
     *enterEventMode = fmi2False;
     *terminateSimulation = fmi2False;
     return fmi2OK;
 }
 
 fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
-    Component *component = allowed(c, SET_TIME);
+    Instance *instance = allowed(c, &SET_TIME);
 
-    if (!component) return fmi2Error;
-    if (!isfinite(time)) return refuse(component, SET_TIME, "the time is not finite");
-    component->core->time = time;
+    if (!instance) return fmi2Error;
+    if (!isfinite(time)) return status_of(core_refuse(instance, &SET_TIME, "the time is not finite."));
+    instance->status.time = time;
     return fmi2OK;
 }
 
-/* The component where the call is allowed and its array has the model's number of states. */
-static Component *with_states(fmi2Component c, Call call, const fmi2Real values[], size_t nx) {
-    Component *component = allowed(c, call);
+/* The instance where the call is allowed and its array has the model's number of states. */
+static Instance *with_states(fmi2Component c, const Rule *rule, const fmi2Real values[], size_t nx) {
+    Instance *instance = allowed(c, rule);
 
-    if (component && (!values || nx != component->core->model->n_states)) {
-        log_message(component, fmi2Error, "%s: the model has %lu continuous states, not %lu.", CALLS[call].name,
-                    (unsigned long)component->core->model->n_states, (unsigned long)nx);
+    if (instance && (!values || nx != instance->model->n_states)) {
+        core_refuse(instance, rule, "the model has %lu continuous states, not %lu.",
+                    (unsigned long)instance->model->n_states, (unsigned long)nx);
         return NULL;
     }
-    return component;
+    return instance;
 }
 
 fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t nx) {
-    Component *component = with_states(c, SET_STATES, x, nx);
+    Instance *instance = with_states(c, &SET_STATES, x, nx);
 
-    if (!component) return fmi2Error;
-    return answer(component, core_set_states(component->core, x), SET_STATES);
+    return status_of(instance && core_set_states(instance, &SET_STATES, x));
 }
 
 fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real derivatives[], size_t nx) {
-    Component *component = with_states(c, GET_DERIVATIVES, derivatives, nx);
+    Instance *instance = with_states(c, &GET_DERIVATIVES, derivatives, nx);
 
-    if (!component) return fmi2Error;
-    memcpy(derivatives, core_derivatives(component->core), nx * sizeof(fmi2Real));
+    if (!instance) return fmi2Error;
+    memcpy(derivatives, core_derivatives(instance), nx * sizeof(fmi2Real));
     return fmi2OK;
 }
 
 fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real eventIndicators[], size_t ni) {
-    Component *component = allowed(c, GET_EVENT_INDICATORS);
+    Instance *instance = allowed(c, &GET_EVENT_INDICATORS);
 
     (void)eventIndicators;
-    if (!component) return fmi2Error;
-    return ni == 0 ? fmi2OK : refuse(component, GET_EVENT_INDICATORS, "the model has no event indicators");
+    return status_of(instance && (ni == 0 || core_refuse(instance, &GET_EVENT_INDICATORS, "the model has no event indicators.")));
 }
 
 fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t nx) {
-    Component *component = with_states(c, GET_STATES, x, nx);
+    Instance *instance = with_states(c, &GET_STATES, x, nx);
 
-    if (!component) return fmi2Error;
-    memcpy(x, core_states(component->core), nx * sizeof(fmi2Real));
+    if (!instance) return fmi2Error;
+    memcpy(x, core_states(instance), nx * sizeof(fmi2Real));
     return fmi2OK;
 }
 
 fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal[], size_t nx) {
-    Component *component = with_states(c, GET_NOMINALS, x_nominal, nx);
+    Instance *instance = with_states(c, &GET_NOMINALS, x_nominal, nx);
 
-    if (!component) return fmi2Error;
-    memcpy(x_nominal, component->core->model->nominals, nx * sizeof(fmi2Real));
+    if (!instance) return fmi2Error;
+    memcpy(x_nominal, instance->model->nominals, nx * sizeof(fmi2Real));
     return fmi2OK;
 }
 
@@ -439,23 +391,20 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x_nominal
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint, fmi2Real communicationStepSize,
                       fmi2Boolean noSetFMUStatePriorToCurrentPoint) {
-    Component *component = allowed(c, DO_STEP);
+    Instance *instance = allowed(c, &DO_STEP);
 
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!component) return fmi2Error;
-    return answer(component, core_step(component->core, currentCommunicationPoint, communicationStepSize), DO_STEP);
+    return status_of(instance && core_step(instance, &DO_STEP, currentCommunicationPoint, communicationStepSize, NULL));
 }
 
 fmi2Status fmi2CancelStep(fmi2Component c) {
     /* Steps are never pending, so there is never one to cancel. */
-    (void)allowed(c, CANCEL_STEP);
+    (void)allowed(c, &CANCEL_STEP);
     return fmi2Error;
 }
 
 /* Steps are never asynchronous: the only status there is to ask for is the time reached. */
-static fmi2Status no_such_status(fmi2Component c) {
-    return allowed(c, GET_STATUS) ? fmi2Discard : fmi2Error;
-}
+static fmi2Status no_such_status(fmi2Component c) { return allowed(c, &GET_STATUS) ? fmi2Discard : fmi2Error; }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value) {
     (void)s;
@@ -464,11 +413,11 @@ fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *va
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *value) {
-    Component *component = allowed(c, GET_STATUS);
+    Instance *instance = allowed(c, &GET_STATUS);
 
-    if (!component) return fmi2Error;
+    if (!instance) return fmi2Error;
     if (s != fmi2LastSuccessfulTime || !value) return fmi2Discard;
-    *value = component->core->time;
+    *value = instance->status.time;
     return fmi2OK;
 }
 

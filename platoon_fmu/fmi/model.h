@@ -10,16 +10,27 @@
 
 #include <stddef.h>
 
+/* A sparse Jacobian, column by column. Its rows are the unknowns: states, derivatives and outputs. */
+typedef struct {
+    const int *starts; /* of each column, and the end of the last: where its nonzeros begin */
+    const int *rows;   /* of each nonzero */
+    void (*evaluate)(const double *x, const double *u, const double *p, double *nonzeros);
+} Jacobian;
+
 typedef struct {
     const char *token; /* the modelDescription's guid (FMI 2) or instantiationToken (FMI 3) */
     size_t n_states, n_outputs, n_inputs, n_parameters, n_tunable;
-    const double *nominals;        /* of the states */
-    const double *inputs_start;    /* start values of u */
+    size_t most_nonzeros;           /* of the two Jacobians */
+    const double *nominals;         /* of the states */
+    const double *inputs_start;     /* start values of u */
     const double *parameters_start; /* start values of p */
-    double solver_step;            /* longest step of the co-simulation's solver [s] */
+    /* Of solver_step [s], solver_tolerance and solver, in this order. */
+    const double *settings_start, *settings_minimum, *settings_maximum;
     void (*initial)(const double *p, double *x);
     void (*derivatives)(const double *x, const double *u, const double *p, double *dx);
     void (*outputs)(const double *x, const double *u, const double *p, double *y);
+    Jacobian running;   /* columns: states and inputs */
+    Jacobian beginning; /* columns: inputs and parameters, which the states at the start follow */
 } Model;
 
 extern const Model platoon_model;

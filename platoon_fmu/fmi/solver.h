@@ -1,13 +1,31 @@
-/* The co-simulation's solver: classical Runge-Kutta of order 4 with a fixed step. */
+/* The solvers of the co-simulation; one call is one step of theirs, with constant inputs. */
 #ifndef PLATOON_SOLVER_H
 #define PLATOON_SOLVER_H
 
 #include "model.h"
 
-/* Doubles of work space that solver_advance needs for a model of n states. */
-#define SOLVER_WORK(n) (5 * (n))
+/* As the enumeration of the modelDescription numbers them. */
+typedef enum { RUNGE_KUTTA_4 = 1, DORMAND_PRINCE_5 = 2 } SolverMethod;
 
-/* Advances x by h seconds in equal steps no longer than the model's solver_step, inputs and parameters constant. */
-void solver_advance(const Model *model, double *x, const double *u, const double *p, double h, double *work);
+typedef struct {
+    SolverMethod method;
+    double step;      /* longest step of the fixed-step method [s] */
+    double tolerance; /* of the adaptive one: relative, and absolute to the states' nominals */
+} SolverSettings;
+
+/* Doubles of work space that both need. */
+#define SOLVER_WORK(n_states) (7 * (n_states))
+
+/* The classical Runge-Kutta method of order 4: from x, where the derivatives are dx, by `remaining` seconds in steps of
+ * equal length not above settings->step. Does the first of them and returns its length. */
+double solver_fixed_step(const Model *model, const SolverSettings *settings, double remaining, double *x, const double *dx,
+                         const double *u, const double *p, double *work);
+
+/* The pair of orders 5 and 4 of Dormand and Prince (J. Comput. Appl. Math. 6, 1980), its step chosen by the error
+ * estimate: goes on from x, where the derivatives are dx, by at most `remaining` seconds, and leaves the derivatives at
+ * the new x in dx. `proposal` is the step to try, and then the next one. Returns the length gone, or 0 where even the
+ * shortest step misses the tolerance; x and dx are then as they were. */
+double solver_adaptive_step(const Model *model, const SolverSettings *settings, double remaining, double *proposal, double *x,
+                            double *dx, const double *u, const double *p, double *work);
 
 #endif

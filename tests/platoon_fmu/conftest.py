@@ -1,67 +1,37 @@
-"""A real FMU, built once a session, and cars made of it."""
+"""The real FMUs, built once a session, and cars made of them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
-import fmpy
 import numpy as np
 import pytest
-from fmpy import fmi2
 
 from platoon_fmu.build import build
+from platoon_fmu.importer import Instance, Kind, OpenFmu, opened
+from platoon_fmu.versions import FMI2, FMI3
 
 WHEELS = ("fl", "rl", "rr", "fr")
 
 
-class Car:
-    """One FMU instance, driven by names. `kind` is fmi2.FMU2Slave or fmi2.FMU2Model."""
-
-    def __init__(self, folder: Path, description: Any, kind: Any, name: str) -> None:
-        self.description = description
-        self.references = {v.name: v.valueReference for v in description.modelVariables}
-        self.states = [v.derivative.name for v in description.modelVariables if v.derivative is not None]
-        self.fmu = kind(guid=description.guid, unzipDirectory=str(folder), modelIdentifier="Vehicle", instanceName=name)
-        self.said: list[str] = []
-        self.time = 0.0
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
-        callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(fmi2.calloc)
-        callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(fmi2.free)
-        self.fmu.instantiate(callbacks=callbacks, loggingOn=True)
-
-    def _log(self, _environment: Any, _instance: Any, _status: int, _category: Any, message: bytes) -> None:
-        self.said.append(message.decode())
+class Car(Instance):
+    """An instance of the vehicle FMU with what a driver does."""
 
     def start(self, **values: float) -> Car:
-        self.fmu.setupExperiment(startTime=self.time)
-        self.set(**values)
-        self.fmu.enterInitializationMode()
-        self.fmu.exitInitializationMode()
+        super().start(values, time=self.time)
         return self
-
-    def set(self, **values: float) -> None:
-        self.fmu.setReal([self.references[name] for name in values], list(values.values()))
 
     def torque(self, *torques: float) -> None:
         """One torque for all wheels, or four in the order of WHEELS [N m]."""
         each = torques * 4 if len(torques) == 1 else torques
-        self.set(**{f"wheel_torque_{n}": t for n, t in zip(WHEELS, each, strict=True)})
-
-    def get(self, *names: str) -> np.ndarray:
-        return np.array(self.fmu.getReal([self.references[name] for name in names]))
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.get(name)[0])
+        self.set({f"wheel_torque_{n}": t for n, t in zip(WHEELS, each, strict=True)})
 
     def wheels(self, quantity: str) -> np.ndarray:
         return self.get(*(f"{quantity}_{n}" for n in WHEELS))
 
     def step(self, h: float = 0.01) -> None:
-        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=h)
-        self.time += h
+        super().step(h)
 
     def run(self, seconds: float, h: float = 0.01, names: Sequence[str] = ()) -> np.ndarray:
         """Steps with constant inputs; the named values after each step, (steps, names)."""
@@ -73,7 +43,7 @@ class Car:
 
     def cruise(self, seconds: float, speed: float, **inputs: float) -> None:
         """Holds a speed by the external force, so that the tyres carry no drive force."""
-        self.set(**inputs)
+        self.set(inputs)
         drag = 0.0
         for _ in range(round(seconds / 0.01)):
             error = speed - self["v_x"]
@@ -83,26 +53,61 @@ class Car:
 
 
 @pytest.fixture(scope="session")
-def fmu_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("fmu"))
+def car_class() -> type[Car]:
+    """What the cars below are, to make others of."""
+    return Car
 
 
 @pytest.fixture(scope="session")
-def fmu_folder(fmu_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("unzipped")
-    fmpy.extract(str(fmu_path), unzipdir=str(folder))
-    return folder
+def fmu_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU for FMI 2.0."""
+    return build(tmp_path_factory.mktemp("fmu"), version=FMI2)
 
 
-@pytest.fixture
-def make_car(fmu_path: Path, fmu_folder: Path) -> Iterator[Callable[..., Car]]:
-    description = fmpy.read_model_description(str(fmu_path))
+@pytest.fixture(scope="session")
+def fmu3_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The FMU for FMI 3.0."""
+    return build(tmp_path_factory.mktemp("fmu3"), version=FMI3)
+
+
+@pytest.fixture(scope="session")
+def open_fmu2(fmu_path: Path) -> Iterator[OpenFmu]:
+    with opened(fmu_path) as fmu:
+        yield fmu
+
+
+@pytest.fixture(scope="session")
+def open_fmu3(fmu3_path: Path) -> Iterator[OpenFmu]:
+    with opened(fmu3_path) as fmu:
+        yield fmu
+
+
+@pytest.fixture(params=[2, 3], ids=["FMI2", "FMI3"])
+def open_fmu(request: pytest.FixtureRequest) -> OpenFmu:
+    """The FMU for each version in turn."""
+    found: OpenFmu = request.getfixturevalue(f"open_fmu{request.param}")
+    return found
+
+
+def _maker(fmu: OpenFmu) -> Iterator[Callable[..., Car]]:
     cars: list[Car] = []
 
-    def make(kind: Any = fmi2.FMU2Slave) -> Car:
-        cars.append(Car(fmu_folder, description, kind, f"car{len(cars)}"))
+    def make(kind: Kind = Kind.CO_SIMULATION) -> Car:
+        cars.append(Car(fmu, kind, f"car{len(cars)}"))
         return cars[-1]
 
     yield make
     for car in cars:
-        car.fmu.fmi2FreeInstance(car.fmu.component)
+        car.free()
+
+
+@pytest.fixture
+def make_car(open_fmu2: OpenFmu) -> Iterator[Callable[..., Car]]:
+    """Makes cars of the FMU for FMI 2.0."""
+    yield from _maker(open_fmu2)
+
+
+@pytest.fixture
+def make_any(open_fmu: OpenFmu) -> Iterator[Callable[..., Car]]:
+    """Makes cars of the FMU for each version in turn."""
+    yield from _maker(open_fmu)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from fmpy import fmi2
+
+from platoon_fmu.importer import Kind
 
 M, I_z, l_f, l_r, C_f, C_r, C_a = 1723.0, 4175.0, 1.4, 1.6, 52_700.0, 66_900.0, 0.3256
 F_ROLL = 0.018 * M * 9.8
@@ -26,20 +27,16 @@ def paper(v_x, v_y, gamma, delta, lambda_f=0.0, lambda_r=0.0):
 @pytest.fixture
 def derivative(make_car):
     """A function of (v_x, v_y, gamma, inputs) that gives the FMU's [dv_x, dv_y, dgamma]."""
-    car = make_car(fmi2.FMU2Model).start()
-    car.fmu.enterContinuousTimeMode()
-    n = len(car.states)
+    car = make_car(Kind.MODEL_EXCHANGE).start()
 
     def of(v_x, v_y=0.0, gamma=0.0, **inputs):
-        x = dict.fromkeys(car.states, 0.0)
+        x = dict.fromkeys(car.state_names, 0.0)
         x |= {"v_x": v_x, "v_y": v_y, "gamma": gamma}
         for name, side in (("fl", 1), ("rl", 1), ("rr", -1), ("fr", -1)):
             x[f"omega_{name}"] = (v_x - gamma * side * 0.77) / 0.3
-        car.set(**inputs)
-        car.fmu.setContinuousStates((fmi2.fmi2Real * n)(*x.values()), n)
-        values = (fmi2.fmi2Real * n)()
-        car.fmu.getDerivatives(values, n)
-        dx = dict(zip(car.states, values, strict=True))
+        car.set(inputs)
+        car.set_states(list(x.values()))
+        dx = dict(zip(car.state_names, car.derivatives(), strict=True))
         return np.array([dx["v_x"], dx["v_y"], dx["gamma"]])
 
     return of
@@ -82,18 +79,6 @@ def test_small_motion_at_20_mps_is_the_papers_model(derivative, v_y, gamma, delt
 def test_check_point_of_the_control_model_within_the_tyres_fall_off(derivative):
     found = derivative(20.0, 0.1, 0.05, steering_angle=0.02)
     assert found == pytest.approx(paper(20.0, 0.1, 0.05, 0.02), rel=0.12)
-
-
-def test_critical_speed_of_the_oversteering_car(derivative):
-    def determinant(v_x):
-        return np.linalg.det(lateral_jacobian(derivative, v_x, lambda_f=1.0, lambda_r=-1.0)[:, :2])
-
-    low, high = 20.0, 40.0
-    assert determinant(low) > 0 > determinant(high)
-    while high - low > 0.01:
-        middle = (low + high) / 2
-        low, high = (middle, high) if determinant(middle) > 0 else (low, middle)
-    assert low == pytest.approx(28.14, rel=0.01)
 
 
 def test_external_forces_and_moment_act_at_the_centre_of_mass(derivative):
