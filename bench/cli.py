@@ -17,6 +17,7 @@ import typer
 
 from bench.errors import BadInput, BenchError
 from bench.fmu_cli import fmu_app
+from bench.output_paths import check_directory, check_report, check_suffix
 from platoon_fmu.errors import FmuError
 
 LOGS = Path("logs")
@@ -160,11 +161,7 @@ def report(
 
     recorded = Run(_readable(log))
     target = out or _report_path(log)
-    if target.is_dir():
-        raise BadInput(f"{target} is a directory; give a file: -o {target}/report.html")
-    # So that no log, of this run or another, is ever written over.
-    _check_suffix(target, ".html")
-    _check_directory(target)
+    check_report(target)
     write(recorded, target)
     typer.echo(str(target))
 
@@ -286,13 +283,13 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
     if out is None:
         if LOGS.exists() and not LOGS.is_dir():
             raise BadInput(f"{LOGS} is a file, where runs should land; name another place with --out")
-        _check_directory(LOGS / "any" if LOGS.exists() else LOGS)
+        check_directory(LOGS / "any" if LOGS.exists() else LOGS)
         LOGS.mkdir(exist_ok=True)
         # With milliseconds, so that runs started together get a log each.
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
         return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
-    _check_suffix(out, ".mcap")
-    _check_directory(out)
+    check_suffix(out, ".mcap")
+    check_directory(out)
     targets = [out, _report_path(out)] if with_report else [out]
     for target in targets:
         if os.path.lexists(target):
@@ -303,29 +300,6 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
     except OSError as error:
         raise BadInput(f"{out} cannot be made: {error.strerror}") from error
     return out
-
-
-def _check_suffix(target: Path, suffix: str) -> None:
-    """Refuse a file name that says something else than what is to be written.
-
-    Raises:
-        BadInput: it does not end in `suffix`.
-    """
-    if target.suffix.lower() != suffix:
-        raise BadInput(f"{target}: want a name that ends in {suffix}")
-
-
-def _check_directory(target: Path) -> None:
-    """Refuse a file that could not be written, before any work is done for it.
-
-    Raises:
-        BadInput: its directory is missing or read-only.
-    """
-    directory = target.parent
-    if not directory.is_dir():
-        raise BadInput(f"{target}: there is no directory {directory}; make it with: mkdir -p {directory}")
-    if not os.access(directory, os.W_OK | os.X_OK):
-        raise BadInput(f"{target}: the directory {directory} cannot be written to")
 
 
 def _report_path(log: Path) -> Path:

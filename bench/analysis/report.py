@@ -12,7 +12,7 @@ from bench.analysis import requirements
 from bench.analysis.figures import Figures
 from bench.analysis.metrics import compute
 from bench.analysis.picture import snapshots
-from bench.errors import BadInput
+from bench.output_paths import write_report
 from bench.record import Run
 
 _MAX_EVENTS = 500
@@ -24,15 +24,7 @@ def write(run: Run, out: Path) -> None:
     Raises:
         BadInput: the log has no truth or no scenario, or the file cannot be written.
     """
-    page = render(run)
-    # Written aside and moved into place, so that a full disk leaves no half of it.
-    aside = out.with_name(f".{out.name}.part")
-    try:
-        aside.write_text(page, encoding="utf-8")
-        aside.replace(out)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise BadInput(f"cannot write the report {out}: {error.strerror or error}") from error
+    write_report(out, render(run))
 
 
 def render(run: Run) -> str:

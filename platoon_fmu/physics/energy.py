@@ -1,0 +1,262 @@
+"""The energy ledger of violent manoeuvres: no energy comes from nothing, and every joule is accounted for.
+
+The energy is E = M (v_x^2 + v_y^2)/2 + I_z gamma^2/2 + I_roll p^2/2 + I_w sum(omega^2)/2 + (K_phi - m_s g h_s) phi^2/2:
+of translation, yaw, roll (about the vehicle's centre of mass, I_roll = I_x + m_s h_s^2 (1 - m_s/M)) and spins, of the
+roll springs, less what the leaning body sinks. The load transfers are states, but they store none: they only divide
+the weight among the wheels, and loads do no work on flat ground. Multiplying each equation of motion by its velocity
+and adding up leaves
+
+    dE/dt = sum(T omega) + F_x,ext v_x + F_y,ext v_y + M_z,ext gamma - D,
+    D = sum(F_x (R_w omega - v_long) - F_y v_lat) + C_a |v_x|^3 + F_roll |v_x| + C_phi p^2 >= 0,
+
+with the tyres' forces and the velocities of their contact points in wheel axes. Steering does no work: it turns the
+wheels about their contact points, where the tyre has no aligning moment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from platoon_fmu.importer import OpenFmu
+from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.physics.drive import STATES, WHEELS, Array, Car, of_wheels
+from platoon_fmu.physics.figure import Figure, at_most, between
+
+_H, _SECONDS = 0.001, 5.0
+_NAMES = (
+    *STATES,
+    *of_wheels("F_x"),
+    *of_wheels("F_y"),
+    *of_wheels("wheel_torque"),
+    *("force_x", "force_y", "moment_z", "steering_angle"),
+)
+
+Inputs = Callable[[float], Mapping[str, float]]
+Torques = Callable[[float, Array], Array]
+
+
+def _coasting(_: float, omega: Array) -> Array:
+    return 0.0 * omega
+
+
+@dataclass(frozen=True)
+class Violence:
+    """A violent manoeuvre.
+
+    Attributes:
+        name: what a person calls it.
+        start: start values by name.
+        inputs: inputs by name at a time [s].
+        torques: wheel torques (4,) [N m] at a time [s] and the wheels' spins (4,) [rad/s].
+    """
+
+    name: str
+    start: Mapping[str, float]
+    inputs: Inputs
+    torques: Torques = _coasting
+
+
+def _always(**inputs: float) -> Inputs:
+    return lambda _: inputs
+
+
+def _swaying(t: float) -> Mapping[str, float]:
+    return {
+        "steering_angle": 0.15 * np.sin(4.0 * t),
+        "lambda_f": np.sin(7.0 * t),
+        "lambda_r": np.cos(5.0 * t),
+        "mu": 0.6 + 0.4 * np.sin(3.0 * t),
+    }
+
+
+def _full_drive_then_brake(t: float, omega: Array) -> Array:
+    return np.full(4, 1000.0) if t < 2.0 else np.clip(-60.0 * omega, -2000.0, 2000.0)
+
+
+MANOEUVRES = (
+    Violence(
+        "Full drive, then full brake in a bend",
+        {"v_x_start": 15.0},
+        _always(steering_angle=0.06),
+        _full_drive_then_brake,
+    ),
+    Violence(
+        "Spin from 30 m/s", {"v_x_start": 30.0, "v_y_start": 5.0, "gamma_start": 2.0}, _always(steering_angle=-0.1)
+    ),
+    Violence("Backwards spin", {"v_x_start": -8.0, "v_y_start": 3.0, "gamma_start": 1.0}, _always(steering_angle=0.2)),
+    Violence("Pirouette at walking speed", {"v_x_start": 3.0, "v_y_start": 6.0, "gamma_start": 4.0}, _always()),
+    Violence("Slalom on changing friction and stiffness", {"v_x_start": 30.0}, _swaying),
+    Violence(
+        "Wheels spun up from rest on ice", {}, _always(steering_angle=0.1, mu=0.1), lambda _t, _o: np.full(4, 200.0)
+    ),
+    Violence(
+        "Reverse gear at 15 m/s", {"v_x_start": 15.0}, _always(steering_angle=0.05), lambda _t, _o: np.full(4, -900.0)
+    ),
+    Violence(
+        "Gale from all sides",
+        {"v_x_start": 25.0},
+        lambda t: {"force_x": -3000.0, "force_y": 6000.0 * np.sin(6.0 * t), "moment_z": 5000.0 * np.cos(5.0 * t)},
+    ),
+)
+"""What is driven."""
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """The energy ledger of one manoeuvre, (rows,) [J].
+
+    Attributes:
+        name: of the manoeuvre.
+        t: time [s].
+        energy: kinetic and roll energy.
+        by_torques: work of the wheel torques since the begin.
+        by_forces: work of the external forces and moment since the begin.
+        dissipated: work that came in less what the energy rose by: what must have been lost.
+        accounted: what tyres, air, rolling resistance and roll dampers took, from their forces and velocities.
+    """
+
+    name: str
+    t: Array
+    energy: Array
+    by_torques: Array
+    by_forces: Array
+    dissipated: Array
+    accounted: Array
+
+    @property
+    def throughput(self) -> float:
+        """The greatest energy held, or lost: the measure of what is small [J]."""
+        return float(max(self.energy.max(), self.accounted[-1]))
+
+    @property
+    def least_loss(self) -> float:
+        """Least energy lost in any step, over the throughput; below zero where energy came from nothing."""
+        return float(np.diff(self.dissipated).min()) / self.throughput
+
+    @property
+    def residual(self) -> float:
+        """Greatest difference between what was lost and what is accounted for, over the throughput."""
+        return float(np.abs(self.dissipated - self.accounted).max()) / self.throughput
+
+
+@dataclass(frozen=True)
+class EnergyBalance:
+    """The ledgers of all manoeuvres, and the figures."""
+
+    ledgers: tuple[Ledger, ...]
+    figures: tuple[Figure, ...]
+
+
+def energy_balance(fmu: OpenFmu, P: VehicleParameters) -> EnergyBalance:
+    """Drives `MANOEUVRES` and keeps their ledgers.
+
+    Args:
+        fmu: the vehicle.
+        P: the parameters that energy and losses are computed with.
+    """
+    ledgers = tuple(ledger(fmu, P, manoeuvre) for manoeuvre in MANOEUVRES)
+    figures = (
+        between(
+            "Least energy lost in any step of 1 ms over the throughput",
+            min(each.least_loss for each in ledgers),
+            -1e-12,
+            float("inf"),
+            source="no energy from nothing: work in less ΔE never falls, but for rounding",
+        ),
+        at_most(
+            "Energy not accounted for over the throughput",
+            max(each.residual for each in ledgers),
+            1e-5,
+            source="work in less ΔE is what tyres, air, rolling resistance and roll dampers took",
+        ),
+    )
+    return EnergyBalance(ledgers, figures)
+
+
+def ledger(fmu: OpenFmu, P: VehicleParameters, manoeuvre: Violence) -> Ledger:
+    """Drives one manoeuvre and keeps its ledger.
+
+    Args:
+        fmu: the vehicle.
+        P: the parameters that energy and losses are computed with.
+        manoeuvre: what is driven.
+    """
+    begins, ends = [], []
+    with Car(fmu, manoeuvre.start) as car:
+        for step in range(round(_SECONDS / _H)):
+            car.set(manoeuvre.inputs(step * _H))
+            car.torque(*manoeuvre.torques(step * _H, car.get(*of_wheels("omega"))))
+            # Inputs jump from step to step, so a step has its own values at its begin and at its end.
+            begins.append(car.get(*_NAMES))
+            car.step(_H)
+            ends.append(car.get(*_NAMES))
+    begin, end = (dict(zip(_NAMES, np.array(rows).T, strict=True)) for rows in (begins, ends))
+    energy = np.append(_energy(begin, P), _energy(end, P)[-1])
+    by_torques, by_forces, accounted = (
+        _integral(power(begin, P), power(end, P)) for power in (_torque_power, _external_power, _losses)
+    )
+    dissipated = by_torques + by_forces - (energy - energy[0])
+    return Ledger(
+        manoeuvre.name, np.linspace(0.0, _SECONDS, len(energy)), energy, by_torques, by_forces, dissipated, accounted
+    )
+
+
+Values = Mapping[str, Array]
+
+
+def _wheels(values: Values, quantity: str) -> Array:
+    return np.array([values[name] for name in of_wheels(quantity)])
+
+
+def _integral(begin: Array, end: Array) -> Array:
+    """The running integral (steps + 1,) of a power given at each step's begin and end."""
+    return np.concatenate([[0.0], np.cumsum((begin + end) * _H / 2)])
+
+
+def _energy(values: Values, P: VehicleParameters) -> Array:
+    I_roll = P.I_x + P.m_s * P.h_s**2 * (1 - P.m_s / P.M)
+    twice: Array = (
+        P.M * (values["v_x"] ** 2 + values["v_y"] ** 2)
+        + P.I_z * values["gamma"] ** 2
+        + P.I_w * (_wheels(values, "omega") ** 2).sum(axis=0)
+        + I_roll * values["p"] ** 2
+        + (P.K_phi - P.m_s * P.g * P.h_s) * values["phi"] ** 2
+    )
+    return twice / 2
+
+
+def _torque_power(values: Values, _: VehicleParameters) -> Array:
+    power: Array = (_wheels(values, "wheel_torque") * _wheels(values, "omega")).sum(axis=0)
+    return power
+
+
+def _external_power(values: Values, _: VehicleParameters) -> Array:
+    of_forces: Array = values["force_x"] * values["v_x"] + values["force_y"] * values["v_y"]
+    of_moment: Array = values["moment_z"] * values["gamma"]
+    return of_forces + of_moment
+
+
+def _losses(values: Values, P: VehicleParameters) -> Array:
+    """What is turned into heat each second [W]."""
+    v_x = np.abs(values["v_x"])
+    fading = np.minimum(v_x / P.v_roll, 1.0)
+    rolling = P.mu_d * P.M * P.g * fading * (3 - fading**2) / 2
+    lost: Array = P.C_a * v_x**3 + rolling * v_x + P.C_phi * values["p"] ** 2
+    F_x, F_y, omega = (_wheels(values, quantity) for quantity in ("F_x", "F_y", "omega"))
+    for i, wheel in enumerate(WHEELS):
+        v_long, v_lat = _contact_velocity(values, P, wheel)
+        lost = lost + F_x[i] * (P.R_w * omega[i] - v_long) - F_y[i] * v_lat
+    return lost
+
+
+def _contact_velocity(values: Values, P: VehicleParameters, wheel: str) -> tuple[Array, Array]:
+    """Velocity of a wheel's contact point along and across the wheel [m/s]."""
+    front, left = wheel.startswith("f"), wheel.endswith("l")
+    x_i, y_i = (P.l_f if front else -P.l_r), (P.l_t if left else -P.l_t) / 2
+    along = values["v_x"] - values["gamma"] * y_i
+    across = values["v_y"] + values["gamma"] * x_i + P.m_s * P.h_s / P.M * values["p"]
+    delta = values["steering_angle"] if front else np.zeros_like(along)
+    return np.cos(delta) * along + np.sin(delta) * across, np.cos(delta) * across - np.sin(delta) * along
