@@ -1,16 +1,15 @@
-"""The figures the bench is measured by, as tables; `make bench` prints them. Nothing here passes or fails.
+"""The closed loop's figures: times, what comes of each shipped scenario, and what is left of a crosswind's offset.
 
 Times are of real processes over `udp`; what does not depend on time is the same on every bus and taken from `direct`.
 """
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
 from rich.table import Table
 
 from bench.analysis.metrics import Metrics, compute
@@ -29,14 +28,13 @@ TIMED_RUNS = 3
 """How often the timed scenario is run; the machine's other work disturbs one run more than another."""
 
 
-def main() -> None:
-    """Run everything and print the tables."""
-    console = Console(width=120)
+def tables() -> Iterator[Table]:
+    """Run the scenarios; yield each table as soon as there is one."""
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         logs = Path(folder)
-        console.print(timing([record(logs, "formation", bus="udp") for _ in range(TIMED_RUNS)]))
-        console.print(figures([record(logs, name) for name in shipped()]))
-        console.print(offsets(logs))
+        yield timing([record(logs, "formation", bus="udp") for _ in range(TIMED_RUNS)])
+        yield figures([record(logs, name) for name in shipped()])
+        yield offsets(logs)
 
 
 def record(logs: Path, scenario: str, overrides: Sequence[str] = (), bus: str = "direct") -> Run:
@@ -154,7 +152,3 @@ def _offset(recorded: Run, vehicle: int, signal: str, truth: str) -> float:
     actual: NDArray[np.float64] = np.interp(t, rows["t"], rows[truth])
     last = t >= recorded.scenario.duration_s - LAST_S
     return float(np.mean((actual - reference)[last]))
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,27 @@
+"""Prints the tables: `python -m bench.benchmarks [loop | fmu]`, both where none is named."""
+
+import argparse
+from collections.abc import Callable, Iterator
+
+from rich.console import Console
+from rich.table import Table
+
+from bench.benchmarks import fmu, loop
+
+PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {"loop": loop.tables, "fmu": fmu.tables}
+
+
+def main() -> None:
+    """Run the part that was asked for, or all."""
+    parser = argparse.ArgumentParser(prog="python -m bench.benchmarks", description=__doc__)
+    parser.add_argument("part", nargs="?", choices=tuple(PARTS), help="the only part to run")
+    chosen = parser.parse_args().part
+    console = Console(width=120)
+    for name, tables in PARTS.items():
+        if chosen in (None, name):
+            for table in tables():
+                console.print(table)
+
+
+if __name__ == "__main__":
+    main()
