@@ -8,7 +8,7 @@
 #include <string.h>
 
 /* Times that differ by less than this, relative to one second or to the time, are the same time to a master that sums
- * up its steps in its own way. */
+ * up its steps in its own way; but never by half a step. */
 #define TIME_TOLERANCE 1e-9
 /* What an importer may ask of the adaptive solver; below this rounding is all there is. */
 #define LEAST_TOLERANCE 1e-13
@@ -30,14 +30,14 @@ const char *core_category_name(LogCategory category) { return category == LOG_ER
 
 static const char *phase_name(Phase phase) {
     switch (phase) {
-        case INSTANTIATED: return "instantiated";
+        case INSTANTIATED: return "instantiated state";
         case INITIALIZATION: return "initialization mode";
         case EVENT: return "event mode";
         case CONTINUOUS: return "continuous-time mode";
         case STEPPING: return "step mode";
         case INTERMEDIATE: return "intermediate update mode";
-        case TERMINATED: return "terminated";
-        case FAILED: return "error";
+        case TERMINATED: return "terminated state";
+        case FAILED: return "error state";
     }
     return "unknown";
 }
@@ -154,7 +154,7 @@ void core_reset(Instance *instance) {
 
 bool core_set_experiment(Instance *instance, const Rule *rule, double tolerance, double start, double stop) {
     if (!isfinite(start)) return core_refuse(instance, rule, "the start time %g is not finite.", start);
-    if (!(stop >= start)) return core_refuse(instance, rule, "the stop time %g s is not after the start time %g s.", stop, start);
+    if (!(stop >= start)) return core_refuse(instance, rule, "the stop time %g s is before the start time %g s.", stop, start);
     if (!(tolerance > 0)) return core_refuse(instance, rule, "the tolerance must be greater than 0, not %g.", tolerance);
     instance->status.time = start;
     instance->status.stop_time = stop;
@@ -461,36 +461,45 @@ static bool fail(Instance *instance, const Rule *rule, double since, const char 
     return core_refuse(instance, rule, "the step from %g s failed at %g s: %s.", since, time, reason);
 }
 
+static bool is_after(double time, double other, double h) {
+    return time - other > fmin(TIME_TOLERANCE * fmax(1.0, fabs(other)), h / 2);
+}
+
 bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step) {
     Status *status = &instance->status;
-    const double tolerance = TIME_TOLERANCE * fmax(1.0, fabs(status->time));
-    double until = time + h;
+    /* What is done and what is to be done count from the beginning of the step: the same at any time. */
+    double done = 0, wanted = h, end = time + h;
 
-    if (!(fabs(time - status->time) <= tolerance)) {
+    if (!(h > 0) || !isfinite(h)) {
+        return core_refuse(instance, rule, "the step size must be greater than 0 s and finite, not %g s.", h);
+    }
+    if (end == time) return core_refuse(instance, rule, "the step size %g s vanishes beside the time %g s.", h, time);
+    if (!isfinite(time) || is_after(time, status->time, h) || is_after(status->time, time, h)) {
         return core_refuse(instance, rule, "a step must start at %.17g s, where the last one ended, not at %.17g s.",
                            status->time, time);
     }
-    if (!(h > 0) || !isfinite(h)) return core_refuse(instance, rule, "the step size must be greater than 0 s, not %g s.", h);
-    if (until > status->stop_time + tolerance) {
-        return core_refuse(instance, rule, "a step to %.17g s would pass the stop time %.17g s.", until, status->stop_time);
+    if (is_after(end, status->stop_time, h)) {
+        return core_refuse(instance, rule, "a step to %.17g s would pass the stop time %.17g s.", end, status->stop_time);
     }
     status->time = time;
-    while (status->time < until) {
-        const double remaining = until - status->time;
+    while (done < wanted) {
+        const double remaining = wanted - done;
         const double length = advance(instance, remaining);
 
         if (length == 0) return fail(instance, rule, time, "no step of the adaptive solver is short enough for the tolerance");
         if (!all_finite(instance->x, instance->model->n_states)) return fail(instance, rule, time, "a state is not finite");
-        /* A length too short to move the time is the end of it, too. */
-        if (length == remaining || status->time + length == status->time) {
-            status->time = until;
-        } else {
-            status->time += length;
-        }
+        done = length == remaining ? wanted : done + length;
+        status->time = done == wanted ? end : time + done;
         if (after_step) {
+            double wish;
+
             status->phase = INTERMEDIATE;
-            after_step(instance, &until);
+            wish = after_step(instance, end);
             status->phase = STEPPING;
+            if (wish < end) {
+                end = fmax(wish, status->time);
+                wanted = end > status->time ? end - time : done;
+            }
         }
     }
     return true;

@@ -124,15 +124,17 @@ bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, cons
 /* First time derivatives of unknowns, the inputs being constant. */
 bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, double *values);
 
-/* Called after each step of the solver, in the phase INTERMEDIATE; may lower *until, the time to return at. */
-typedef void (*AfterStep)(Instance *instance, double *until);
+/* Called after each step of the solver, in the phase INTERMEDIATE; returns the time to return at, `end` or an earlier one.
+ * One that has passed means now. */
+typedef double (*AfterStep)(Instance *instance, double end);
 
-/* Co-simulation: from `time` by h > 0 seconds with constant inputs, or to the time that `after_step` (or NULL) asks to
- * return at. Refused for a time that is not the instance's, for h <= 0, and past the stop time. Where the result is not
+/* Co-simulation: from `time` by h > 0 seconds with constant inputs, or to the time that `after_step` (it may be NULL) asks
+ * to return at. Refused for a time that is not the instance's, for h <= 0, and past the stop time. Where the result is not
  * finite, or the tolerance cannot be met, the phase becomes FAILED. */
 bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step);
 
-/* A copy of the instance's state, into *state or, where that is NULL, into a new one. Refused where memory is short. */
+/* A copy of the instance's state, into *state or, where that is NULL, into a new one. Refused where memory is short. The
+ * faces do not allow it in the phase FAILED, as such a state is of no use. */
 bool core_save(const Instance *instance, const Rule *rule, State **state);
 void core_discard(State *state);
 

@@ -93,6 +93,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
     (void)visible;
     if (!functions) return NULL;
     nobody.host = (void *)functions;
+    if (instanceName && *instanceName) nobody.name = (char *)instanceName;
     if (!instanceName || !*instanceName) {
         core_refuse(&nobody, &INSTANTIATE, "the instance name is missing.");
         return NULL;
@@ -342,7 +343,11 @@ fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
 static Instance *with_states(fmi2Component c, const Rule *rule, const fmi2Real values[], size_t nx) {
     Instance *instance = allowed(c, rule);
 
-    if (instance && (!values || nx != instance->model->n_states)) {
+    if (instance && !values) {
+        core_refuse(instance, rule, "an array is missing.");
+        return NULL;
+    }
+    if (instance && nx != instance->model->n_states) {
         core_refuse(instance, rule, "the model has %lu continuous states, not %lu.",
                     (unsigned long)instance->model->n_states, (unsigned long)nx);
         return NULL;
@@ -416,7 +421,8 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind s, fmi2Real *
     Instance *instance = allowed(c, &GET_STATUS);
 
     if (!instance) return fmi2Error;
-    if (s != fmi2LastSuccessfulTime || !value) return fmi2Discard;
+    if (!value) return status_of(core_refuse(instance, &GET_STATUS, "the place for the value is missing."));
+    if (s != fmi2LastSuccessfulTime) return fmi2Discard;
     *value = instance->status.time;
     return fmi2OK;
 }

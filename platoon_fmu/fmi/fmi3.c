@@ -472,7 +472,11 @@ fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64 time) {
 static Instance *with_states(fmi3Instance i, const Rule *rule, const fmi3Float64 values[], size_t n) {
     Instance *instance = allowed(i, rule);
 
-    if (instance && (!values || n != instance->model->n_states)) {
+    if (instance && !values) {
+        core_refuse(instance, rule, "an array is missing.");
+        return NULL;
+    }
+    if (instance && n != instance->model->n_states) {
         core_refuse(instance, rule, "the model has %lu continuous states, not %lu.",
                     (unsigned long)instance->model->n_states, (unsigned long)n);
         return NULL;
@@ -552,23 +556,22 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference val
 }
 
 /* Lets the importer look at the instance after a step of the solver, and ask for an early return. */
-static void intermediate_update(Instance *instance, double *until) {
+static double intermediate_update(Instance *instance, double end) {
     const Host *host = instance->host;
-    const bool can_return = host->early_return_allowed && instance->status.time < *until;
+    const bool can_return = host->early_return_allowed && instance->status.time < end;
     fmi3Boolean requested = fmi3False;
-    fmi3Float64 at = instance->status.time;
+    fmi3Float64 wish = instance->status.time;
 
     host->intermediate_update(host->environment, instance->status.time, fmi3False, fmi3True, fmi3True, can_return, &requested,
-                              &at);
-    if (!can_return || !requested || !(at < *until)) return;
-    /* A time that has passed means now. */
-    *until = fmax(at, instance->status.time);
+                              &wish);
+    return can_return && requested ? wish : end;
 }
 
 fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
                       fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
                       fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
     Instance *instance = allowed(i, &DO_STEP);
+    const fmi3Float64 end = currentCommunicationPoint + communicationStepSize;
     const Host *host;
 
     (void)noSetFMUStatePriorToCurrentPoint;
@@ -584,7 +587,7 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 currentCommunicationPoint, fmi
     *eventHandlingNeeded = fmi3False;
     *terminateSimulation = fmi3False;
     *lastSuccessfulTime = instance->status.time;
-    *earlyReturn = instance->status.time < currentCommunicationPoint + communicationStepSize;
+    *earlyReturn = instance->status.time < end;
     return fmi3OK;
 }
 

@@ -175,7 +175,7 @@ def test_bad_step_sizes_are_refused_and_the_run_goes_on(make_any, h):
     car = make_any().start(v_x_start=20.0)
     with pytest.raises(FMICallException):
         car.raw.doStep(currentCommunicationPoint=0.0, communicationStepSize=h)
-    assert "step size must be greater than 0 s" in car.said[-1] or "stop time" in car.said[-1]
+    assert "step size must be greater than 0 s and finite" in car.said[-1]
     car.step()
     assert car["X"] == pytest.approx(0.2, rel=1e-3)
 
@@ -209,6 +209,33 @@ def test_a_step_that_diverges_is_an_error_and_reset_recovers(make_any):
     car.reset()
     car.start(v_x_start=30.0).step()
     assert car["v_x"] == pytest.approx(30.0, abs=0.01)
+
+
+@pytest.mark.parametrize("begin", [7.5, 1.7e9])
+def test_a_run_is_the_same_at_any_time(make_any, begin):
+    cars = make_any(), make_any()
+    cars[1].time = begin
+    ends = []
+    for car in cars:
+        car.start(v_x_start=20.0)
+        car.set(steering_angle=0.03)
+        for h in (0.0137, 0.25, 0.01):
+            car.step(h)
+        ends.append(car.get(*UNKNOWNS))
+    assert (ends[0] == ends[1]).all()
+
+
+def test_a_step_is_not_done_twice_however_late_it_is(make_any):
+    car = make_any()
+    car.time = 1e7
+    car.start(v_x_start=20.0)
+    car.step(0.01)
+    with pytest.raises(FMICallException):
+        car.raw.doStep(1e7, 0.01)
+    assert "a step must start at 10000000.01" in car.said[-1]
+    with pytest.raises(FMICallException):
+        car.raw.doStep(1e16, 0.5)
+    assert "vanishes beside the time" in car.said[-1]
 
 
 # ---- values ----
