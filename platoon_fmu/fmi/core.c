@@ -57,18 +57,39 @@ bool core_refuse(const Instance *instance, const Rule *rule, const char *reason,
 }
 
 bool core_allows(const Instance *instance, const Rule *rule) {
-    const bool exchange = instance->kind == MODEL_EXCHANGE;
+    bool exchange;
 
+    if (!instance) return false;
+    exchange = instance->kind == MODEL_EXCHANGE;
     if (instance->status.phase & (exchange ? rule->model_exchange : rule->co_simulation)) return true;
     return core_refuse(instance, rule, "not allowed in %s of %s.", phase_name(instance->status.phase),
                        exchange ? "Model Exchange" : "Co-Simulation");
+}
+
+bool core_has_places(const Instance *instance, const Rule *rule, size_t n, const void *const places[]) {
+    size_t i;
+
+    if (!core_allows(instance, rule)) return false;
+    for (i = 0; i < n; i++) {
+        if (!places[i]) return core_refuse(instance, rule, "a place for a result is missing.");
+    }
+    return true;
+}
+
+/* Whether an array is there, which may be missing where it has no elements. */
+static bool has_array(const Instance *instance, const Rule *rule, size_t n, const void *array) {
+    return n == 0 || array || core_refuse(instance, rule, "an array is missing.");
+}
+
+bool core_has_arrays(const Instance *instance, const Rule *rule, size_t n, const void *one, const void *other) {
+    return core_allows(instance, rule) && has_array(instance, rule, n, one) && has_array(instance, rule, n, other);
 }
 
 bool core_set_logging(Instance *instance, const Rule *rule, bool on, size_t n, const char *const categories[]) {
     int chosen = n == 0 ? LOG_ERRORS | LOG_EVENTS : 0;
     size_t i;
 
-    if (n > 0 && !categories) return core_refuse(instance, rule, "the categories are missing.");
+    if (!core_allows(instance, rule) || !has_array(instance, rule, n, categories)) return false;
     for (i = 0; i < n; i++) {
         const char *name = categories[i] ? categories[i] : "(none)";
         if (strcmp(name, core_category_name(LOG_ERRORS)) == 0) {
@@ -94,6 +115,48 @@ static void outdate(Instance *instance) {
     instance->jacobian_current = false;
     /* Until the simulation starts the states follow the start parameters. */
     if (instance->status.phase & (INSTANTIATED | INITIALIZATION)) instance->x_current = false;
+}
+
+static const double *states(Instance *instance) {
+    if (!instance->x_current) {
+        instance->model->initial(instance->p, instance->x);
+        instance->x_current = true;
+    }
+    return instance->x;
+}
+
+static const double *derivatives(Instance *instance) {
+    if (!instance->dx_current) {
+        instance->model->derivatives(states(instance), instance->u, instance->p, instance->dx);
+        instance->dx_current = true;
+    }
+    return instance->dx;
+}
+
+static const double *outputs(Instance *instance) {
+    if (!instance->y_current) {
+        instance->model->outputs(states(instance), instance->u, instance->p, instance->y);
+        instance->y_current = true;
+    }
+    return instance->y;
+}
+
+static void start_afresh(Instance *instance) {
+    const Model *model = instance->model;
+    const Status fresh = {
+        .stop_time = INFINITY,
+        .experiment_tolerance = INFINITY,
+        .step_proposal = FIRST_PROPOSAL,
+        .solver = {.step = model->settings_start[0],
+                   .tolerance = model->settings_start[1],
+                   .method = (SolverMethod)model->settings_start[2]},
+        .phase = INSTANTIATED,
+    };
+
+    instance->status = fresh;
+    memcpy(instance->u, model->inputs_start, model->n_inputs * sizeof(double));
+    memcpy(instance->p, model->parameters_start, model->n_parameters * sizeof(double));
+    outdate(instance);
 }
 
 Instance *core_new(const Model *model, Kind kind, const char *name, LogSink sink, void *host) {
@@ -123,7 +186,7 @@ Instance *core_new(const Model *model, Kind kind, const char *name, LogSink sink
     instance->seed = instance->jacobian + model->most_nonzeros;
     instance->sensitivity = instance->seed + n_known;
     instance->work = instance->sensitivity + n_unknowns(model);
-    core_reset(instance);
+    start_afresh(instance);
     return instance;
 }
 
@@ -134,25 +197,14 @@ void core_free(Instance *instance) {
     free(instance);
 }
 
-void core_reset(Instance *instance) {
-    const Model *model = instance->model;
-    const Status fresh = {
-        .stop_time = INFINITY,
-        .experiment_tolerance = INFINITY,
-        .step_proposal = FIRST_PROPOSAL,
-        .solver = {.step = model->settings_start[0],
-                   .tolerance = model->settings_start[1],
-                   .method = (SolverMethod)model->settings_start[2]},
-        .phase = INSTANTIATED,
-    };
-
-    instance->status = fresh;
-    memcpy(instance->u, model->inputs_start, model->n_inputs * sizeof(double));
-    memcpy(instance->p, model->parameters_start, model->n_parameters * sizeof(double));
-    outdate(instance);
+bool core_reset(Instance *instance, const Rule *rule) {
+    if (!core_allows(instance, rule)) return false;
+    start_afresh(instance);
+    return true;
 }
 
 bool core_set_experiment(Instance *instance, const Rule *rule, double tolerance, double start, double stop) {
+    if (!core_allows(instance, rule)) return false;
     if (!isfinite(start)) return core_refuse(instance, rule, "the start time %g is not finite.", start);
     if (!(stop >= start)) return core_refuse(instance, rule, "the stop time %g s is before the start time %g s.", stop, start);
     if (!(tolerance > 0)) return core_refuse(instance, rule, "the tolerance must be greater than 0, not %g.", tolerance);
@@ -162,53 +214,32 @@ bool core_set_experiment(Instance *instance, const Rule *rule, double tolerance,
     return true;
 }
 
-void core_enter(Instance *instance, Phase phase) {
+bool core_enter(Instance *instance, const Rule *rule, Phase exchange, Phase simulation) {
     char text[100];
 
+    if (!core_allows(instance, rule)) return false;
     if (instance->status.phase == INITIALIZATION) {
-        core_states(instance);
+        states(instance);
         /* From here on it is another Jacobian. */
         instance->jacobian_current = false;
     }
-    instance->status.phase = phase;
-    if (!(instance->logged & LOG_EVENTS)) return;
-    snprintf(text, sizeof text, "%s from %g s on", phase_name(phase), instance->status.time);
-    instance->sink(instance, LOG_EVENTS, text);
+    instance->status.phase = instance->kind == MODEL_EXCHANGE ? exchange : simulation;
+    if (instance->logged & LOG_EVENTS) {
+        snprintf(text, sizeof text, "%s from %g s on", phase_name(instance->status.phase), instance->status.time);
+        instance->sink(instance, LOG_EVENTS, text);
+    }
+    return true;
 }
 
 /* ---- values ---- */
-
-const double *core_states(Instance *instance) {
-    if (!instance->x_current) {
-        instance->model->initial(instance->p, instance->x);
-        instance->x_current = true;
-    }
-    return instance->x;
-}
-
-const double *core_derivatives(Instance *instance) {
-    if (!instance->dx_current) {
-        instance->model->derivatives(core_states(instance), instance->u, instance->p, instance->dx);
-        instance->dx_current = true;
-    }
-    return instance->dx;
-}
-
-static const double *outputs(Instance *instance) {
-    if (!instance->y_current) {
-        instance->model->outputs(core_states(instance), instance->u, instance->p, instance->y);
-        instance->y_current = true;
-    }
-    return instance->y;
-}
 
 /* The value a reference stands for, or NULL for none. */
 static const double *value_of(Instance *instance, size_t reference) {
     const Model *model = instance->model;
 
-    if (reference < model->n_states) return core_states(instance) + reference;
+    if (reference < model->n_states) return states(instance) + reference;
     reference -= model->n_states;
-    if (reference < model->n_states) return core_derivatives(instance) + reference;
+    if (reference < model->n_states) return derivatives(instance) + reference;
     reference -= model->n_states;
     if (reference < model->n_outputs) return outputs(instance) + reference;
     reference -= model->n_outputs;
@@ -233,7 +264,7 @@ static bool no_such(const Instance *instance, const Rule *rule, const char *type
 bool core_get(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, double *values) {
     size_t i;
 
-    if (n > 0 && (!references || !values)) return core_refuse(instance, rule, "an array is missing.");
+    if (!core_has_arrays(instance, rule, n, references, values)) return false;
     for (i = 0; i < n; i++) {
         const double *value = value_of(instance, references[i]);
         if (!value) return no_such(instance, rule, "Real (Float64)", references[i]);
@@ -288,7 +319,7 @@ static double *settable(Instance *instance, const Rule *rule, unsigned int refer
 bool core_set(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, const double *values) {
     size_t i;
 
-    if (n > 0 && (!references || !values)) return core_refuse(instance, rule, "an array is missing.");
+    if (!core_has_arrays(instance, rule, n, references, values)) return false;
     for (i = 0; i < n; i++) {
         if (!settable(instance, rule, references[i], values[i])) return false;
     }
@@ -318,13 +349,51 @@ static bool all_finite(const double *x, size_t n) {
     return true;
 }
 
-bool core_set_states(Instance *instance, const Rule *rule, const double *x) {
-    const size_t n = instance->model->n_states;
+bool core_has_none(const Instance *instance, const Rule *rule, size_t n) {
+    return core_allows(instance, rule) && (n == 0 || core_refuse(instance, rule, "the model has none of these."));
+}
 
+/* ---- Model Exchange ---- */
+
+bool core_set_time(Instance *instance, const Rule *rule, double time) {
+    if (!core_allows(instance, rule)) return false;
+    if (!isfinite(time)) return core_refuse(instance, rule, "the time is not finite.");
+    instance->status.time = time;
+    return true;
+}
+
+/* Whether the call is allowed and its array has the model's number of states. */
+static bool with_states(const Instance *instance, const Rule *rule, const double *values, size_t n) {
+    if (!core_allows(instance, rule) || !has_array(instance, rule, n, values)) return false;
+    if (n == instance->model->n_states) return true;
+    return core_refuse(instance, rule, "the model has %lu continuous states, not %lu.",
+                       (unsigned long)instance->model->n_states, (unsigned long)n);
+}
+
+bool core_set_states(Instance *instance, const Rule *rule, const double *x, size_t n) {
+    if (!with_states(instance, rule, x, n)) return false;
     if (!all_finite(x, n)) return core_refuse(instance, rule, "a state cannot be set to a value that is not finite.");
     memcpy(instance->x, x, n * sizeof *x);
     instance->x_current = true;
     outdate(instance);
+    return true;
+}
+
+bool core_get_states(Instance *instance, const Rule *rule, double *x, size_t n) {
+    if (!with_states(instance, rule, x, n)) return false;
+    memcpy(x, states(instance), n * sizeof *x);
+    return true;
+}
+
+bool core_get_derivatives(Instance *instance, const Rule *rule, double *dx, size_t n) {
+    if (!with_states(instance, rule, dx, n)) return false;
+    memcpy(dx, derivatives(instance), n * sizeof *dx);
+    return true;
+}
+
+bool core_get_nominals(Instance *instance, const Rule *rule, double *nominals, size_t n) {
+    if (!with_states(instance, rule, nominals, n)) return false;
+    memcpy(nominals, instance->model->nominals, n * sizeof *nominals);
     return true;
 }
 
@@ -338,7 +407,7 @@ static const Jacobian *evaluated_jacobian(Instance *instance) {
     const Jacobian *jacobian = beginning ? &instance->model->beginning : &instance->model->running;
 
     if (!instance->jacobian_current) {
-        jacobian->evaluate(core_states(instance), instance->u, instance->p, instance->jacobian);
+        jacobian->evaluate(states(instance), instance->u, instance->p, instance->jacobian);
         instance->jacobian_current = true;
     }
     return jacobian;
@@ -374,17 +443,18 @@ static void multiply(Instance *instance, const Jacobian *jacobian, size_t n_colu
 
 bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, const unsigned int *unknowns, size_t n_unknown,
                         const unsigned int *knowns, size_t n_known, const double *seed, double *sensitivity) {
-    const Model *model = instance->model;
-    const bool beginning = instance->status.phase == INITIALIZATION;
-    const size_t n_columns = model->n_inputs + (beginning ? model->n_parameters : model->n_states);
+    const Model *model;
     const Jacobian *jacobian;
+    bool beginning;
     size_t i;
     int k;
 
-    if ((n_unknown > 0 && !unknowns) || (n_known > 0 && !knowns) || ((adjoint ? n_unknown : n_known) > 0 && !seed) ||
-        ((adjoint ? n_known : n_unknown) > 0 && !sensitivity)) {
-        return core_refuse(instance, rule, "an array is missing.");
+    if (!core_has_arrays(instance, rule, n_unknown, unknowns, adjoint ? seed : sensitivity) ||
+        !core_has_arrays(instance, rule, n_known, knowns, adjoint ? sensitivity : seed)) {
+        return false;
     }
+    model = instance->model;
+    beginning = instance->status.phase == INITIALIZATION;
     for (i = 0; i < n_unknown; i++) {
         if (core_is_unknown(instance, unknowns[i])) continue;
         return core_refuse(instance, rule, "value reference %u is no unknown (a state, a derivative or an output).", unknowns[i]);
@@ -406,6 +476,7 @@ bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, cons
             }
         }
     } else {
+        const size_t n_columns = model->n_inputs + (beginning ? model->n_parameters : model->n_states);
         memset(instance->seed, 0, n_columns * sizeof(double));
         for (i = 0; i < n_known; i++) instance->seed[column_of(instance, knowns[i])] += seed[i];
         multiply(instance, jacobian, n_columns);
@@ -414,17 +485,24 @@ bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, cons
     return true;
 }
 
-bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, double *values) {
-    const Model *model = instance->model;
+bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, const int *orders,
+                           double *values) {
+    const Model *model;
     size_t i;
 
-    if (n > 0 && (!unknowns || !values)) return core_refuse(instance, rule, "an array is missing.");
+    if (!core_has_arrays(instance, rule, n, unknowns, orders) ||
+        !has_array(instance, rule, n, values)) {
+        return false;
+    }
+    model = instance->model;
     for (i = 0; i < n; i++) {
-        if (core_is_unknown(instance, unknowns[i])) continue;
-        return core_refuse(instance, rule, "value reference %u is no output.", unknowns[i]);
+        if (orders[i] != 1) return core_refuse(instance, rule, "the order must be 1, not %d.", orders[i]);
+        if (!core_is_unknown(instance, unknowns[i])) {
+            return core_refuse(instance, rule, "value reference %u is no output.", unknowns[i]);
+        }
     }
     memset(instance->seed, 0, (model->n_states + model->n_inputs) * sizeof(double));
-    memcpy(instance->seed, core_derivatives(instance), model->n_states * sizeof(double));
+    memcpy(instance->seed, derivatives(instance), model->n_states * sizeof(double));
     multiply(instance, evaluated_jacobian(instance), model->n_states);
     for (i = 0; i < n; i++) values[i] = instance->sensitivity[unknowns[i]];
     return true;
@@ -438,7 +516,7 @@ static double advance(Instance *instance, double remaining) {
     const SolverMethod method = status->solver.method;
     double length;
 
-    core_derivatives(instance);
+    derivatives(instance);
     if (method == RUNGE_KUTTA_4) {
         length = solver_fixed_step(instance->model, &status->solver, remaining, instance->x, instance->dx, instance->u,
                                    instance->p, instance->work);
@@ -466,10 +544,12 @@ static bool is_after(double time, double other, double h) {
 }
 
 bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step) {
-    Status *status = &instance->status;
     /* What is done and what is to be done count from the beginning of the step: the same at any time. */
     double done = 0, wanted = h, end = time + h;
+    Status *status;
 
+    if (!core_allows(instance, rule)) return false;
+    status = &instance->status;
     if (!(h > 0) || !isfinite(h)) {
         return core_refuse(instance, rule, "the step size must be greater than 0 s and finite, not %g s.", h);
     }
@@ -515,9 +595,10 @@ struct State {
 };
 
 bool core_save(const Instance *instance, const Rule *rule, State **state) {
-    const size_t size = n_values(instance->model) * sizeof(double);
+    size_t size;
 
-    if (!state) return core_refuse(instance, rule, "the place for the state is missing.");
+    if (!core_has_places(instance, rule, 1, (const void *[]){state})) return false;
+    size = n_values(instance->model) * sizeof(double);
     if (!*state) *state = malloc(sizeof **state + size);
     if (!*state) return core_refuse(instance, rule, "out of memory.");
     (*state)->model = instance->model;
@@ -527,9 +608,16 @@ bool core_save(const Instance *instance, const Rule *rule, State **state) {
     return true;
 }
 
-void core_discard(State *state) { free(state); }
+bool core_discard(const Instance *instance, const Rule *rule, State **state) {
+    if (!core_allows(instance, rule)) return false;
+    if (!state) return true;
+    free(*state);
+    *state = NULL;
+    return true;
+}
 
 bool core_restore(Instance *instance, const Rule *rule, const State *state) {
+    if (!core_allows(instance, rule)) return false;
     if (!state) return core_refuse(instance, rule, "the state is missing.");
     if (state->model != instance->model || state->kind != instance->kind) {
         return core_refuse(instance, rule, "the state is of another model or interface type.");
@@ -547,8 +635,12 @@ bool core_restore(Instance *instance, const Rule *rule, const State *state) {
 
 static size_t n_serialized(const Model *model) { return N_INTEGERS + N_FIGURES + n_values(model) + 1; }
 
-size_t core_serialized_size(const Instance *instance) {
-    return strlen(instance->model->token) + n_serialized(instance->model) * sizeof(uint64_t);
+static size_t serialized_size(const Model *model) { return strlen(model->token) + n_serialized(model) * sizeof(uint64_t); }
+
+bool core_serialized_size(const Instance *instance, const Rule *rule, size_t *size) {
+    if (!core_has_places(instance, rule, 1, (const void *[]){size})) return false;
+    *size = serialized_size(instance->model);
+    return true;
 }
 
 static unsigned char *put(unsigned char *bytes, uint64_t value) {
@@ -593,15 +685,17 @@ static uint64_t checksum(const unsigned char *bytes, size_t size) {
 }
 
 bool core_serialize(const Instance *instance, const Rule *rule, const State *state, unsigned char *bytes, size_t size) {
-    const size_t token_size = strlen(instance->model->token), n = n_values(instance->model);
     unsigned char *end = bytes;
-    size_t i;
+    size_t token_size, n, i;
 
+    if (!core_allows(instance, rule)) return false;
     if (!state || !bytes) return core_refuse(instance, rule, "the state or the place for its bytes is missing.");
-    if (size < core_serialized_size(instance)) {
+    if (size < serialized_size(instance->model)) {
         return core_refuse(instance, rule, "the state needs %lu bytes, not %lu.",
-                           (unsigned long)core_serialized_size(instance), (unsigned long)size);
+                           (unsigned long)serialized_size(instance->model), (unsigned long)size);
     }
+    token_size = strlen(instance->model->token);
+    n = n_values(instance->model);
     if (state->model != instance->model) return core_refuse(instance, rule, "the state is of another model.");
     memcpy(end, instance->model->token, token_size);
     end = put(end + token_size, state->kind);
@@ -619,12 +713,14 @@ bool core_serialize(const Instance *instance, const Rule *rule, const State *sta
 }
 
 bool core_deserialize(const Instance *instance, const Rule *rule, const unsigned char *bytes, size_t size, State **state) {
-    const size_t token_size = strlen(instance->model->token), n = n_values(instance->model);
-    const unsigned char *next = bytes;
-    size_t i;
+    const unsigned char *next;
+    size_t token_size, n, i;
 
+    if (!core_allows(instance, rule)) return false;
     if (!bytes) return core_refuse(instance, rule, "the bytes are missing.");
-    if (size != core_serialized_size(instance) || memcmp(bytes, instance->model->token, token_size) != 0) {
+    token_size = strlen(instance->model->token);
+    n = n_values(instance->model);
+    if (size != serialized_size(instance->model) || memcmp(bytes, instance->model->token, token_size) != 0) {
         return core_refuse(instance, rule, "the bytes are no state of this FMU.");
     }
     next = bytes + size - sizeof(uint64_t);

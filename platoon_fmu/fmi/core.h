@@ -1,8 +1,9 @@
 /* The model-independent and FMI-version-independent core: instances, their values, phases, time and log.
  *
  * The faces (fmi2.c, fmi3.c) translate the standard's functions into these; which call is allowed in which phase is in
- * their tables, as it differs between versions. Functions that can be refused return false, change nothing and have
- * logged the reason. Instances share nothing, so they may live in different threads.
+ * their tables, as it differs between versions. A function that takes such a rule returns false where it is not allowed
+ * now or refuses its arguments; it has then changed nothing and logged the reason. All of them refuse a missing instance
+ * (there is no log then) and missing arrays. Instances share nothing, so they may live in different threads.
  *
  * Value references count through the model's variables (model.h) and then the core's own: time, solver_step,
  * solver_tolerance and, the only integer, solver.
@@ -76,25 +77,31 @@ typedef struct State State;
 Instance *core_new(const Model *model, Kind kind, const char *name, LogSink sink, void *host);
 void core_free(Instance *instance);
 
-/* Back to what core_new gave. */
-void core_reset(Instance *instance);
-
-/* Whether the function may be called now; logged where not. */
+/* Whether there is an instance and the function may be called now; logged where not. */
 bool core_allows(const Instance *instance, const Rule *rule);
 
-/* Logs "NAME: reason." as an error, and returns false. */
+/* Logs "NAME: reason" as an error, and returns false. */
 bool core_refuse(const Instance *instance, const Rule *rule, const char *reason, ...);
+
+/* Whether the function may be called and its n places for results are there. */
+bool core_has_places(const Instance *instance, const Rule *rule, size_t n, const void *const places[]);
+
+/* Whether the function may be called and its arrays of n elements are there. */
+bool core_has_arrays(const Instance *instance, const Rule *rule, size_t n, const void *one, const void *other);
 
 /* Which categories are logged, by name; none means all. Refused for an unknown one. */
 bool core_set_logging(Instance *instance, const Rule *rule, bool on, size_t n, const char *const categories[]);
 const char *core_category_name(LogCategory category);
 
+/* Back to what core_new gave. */
+bool core_reset(Instance *instance, const Rule *rule);
+
 /* The times of the experiment, and a tolerance that tightens the adaptive solver's; stop and tolerance are infinite where
  * there is none. Refused where they make no sense. */
 bool core_set_experiment(Instance *instance, const Rule *rule, double tolerance, double start, double stop);
 
-/* Goes to another phase. Leaving the initialization the states become the integrator's. */
-void core_enter(Instance *instance, Phase phase);
+/* Goes to another phase, by kind. Leaving the initialization the states become the integrator's. */
+bool core_enter(Instance *instance, const Rule *rule, Phase exchange, Phase simulation);
 
 /* Writes the values of n real variables. Refused for value references of no such variable. */
 bool core_get(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, double *values);
@@ -103,15 +110,21 @@ bool core_get(Instance *instance, const Rule *rule, const unsigned int *referenc
  * variable, for one that cannot be set (now or ever), and for a value that is not finite or that no solver works with. */
 bool core_set(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, const double *values);
 
-/* The same for the integer ones, each by itself. */
+/* The same for the integer ones, each by itself and after core_has_arrays. */
 bool core_get_integer(const Instance *instance, const Rule *rule, unsigned int reference, int *value);
 bool core_can_set_integer(const Instance *instance, const Rule *rule, unsigned int reference, double value);
 void core_set_integer(Instance *instance, unsigned int reference, int value);
 
-/* The continuous states and their derivatives, n_states values each; setting is refused for non-finite values. */
-const double *core_states(Instance *instance);
-const double *core_derivatives(Instance *instance);
-bool core_set_states(Instance *instance, const Rule *rule, const double *x);
+/* Whether n is 0, of what the model has none of (a type of variable, event indicators). */
+bool core_has_none(const Instance *instance, const Rule *rule, size_t n);
+
+/* Model exchange: the time, and the continuous states, their derivatives and nominals; refused for another n than the
+ * model's, and for values that are not finite. */
+bool core_set_time(Instance *instance, const Rule *rule, double time);
+bool core_set_states(Instance *instance, const Rule *rule, const double *x, size_t n);
+bool core_get_states(Instance *instance, const Rule *rule, double *x, size_t n);
+bool core_get_derivatives(Instance *instance, const Rule *rule, double *dx, size_t n);
+bool core_get_nominals(Instance *instance, const Rule *rule, double *nominals, size_t n);
 
 /* Whether the variable is a state, a derivative or an output. */
 bool core_is_unknown(const Instance *instance, unsigned int reference);
@@ -121,8 +134,9 @@ bool core_is_unknown(const Instance *instance, unsigned int reference);
 bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, const unsigned int *unknowns, size_t n_unknowns,
                         const unsigned int *knowns, size_t n_knowns, const double *seed, double *sensitivity);
 
-/* First time derivatives of unknowns, the inputs being constant. */
-bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, double *values);
+/* Time derivatives of unknowns, the inputs being constant. Refused for orders other than 1. */
+bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned int *unknowns, size_t n, const int *orders,
+                           double *values);
 
 /* Called after each step of the solver, in the phase INTERMEDIATE; returns the time to return at, `end` or an earlier one.
  * One that has passed means now. */
@@ -136,14 +150,16 @@ bool core_step(Instance *instance, const Rule *rule, double time, double h, Afte
 /* A copy of the instance's state, into *state or, where that is NULL, into a new one. Refused where memory is short. The
  * faces do not allow it in the phase FAILED, as such a state is of no use. */
 bool core_save(const Instance *instance, const Rule *rule, State **state);
-void core_discard(State *state);
+
+/* Frees a state and forgets it; nothing where there is none. */
+bool core_discard(const Instance *instance, const Rule *rule, State **state);
 
 /* Refused for the state of another model or kind. */
 bool core_restore(Instance *instance, const Rule *rule, const State *state);
 
-/* A state as core_serialized_size bytes, the same on every platform, and back into *state as core_save does. Bytes of
- * another model, version or kind, or that were changed, are refused. */
-size_t core_serialized_size(const Instance *instance);
+/* A state as bytes, the same on every platform, and back into *state as core_save does. All states are of one size. Bytes
+ * of another model, version or kind, or that were changed, are refused. */
+bool core_serialized_size(const Instance *instance, const Rule *rule, size_t *size);
 bool core_serialize(const Instance *instance, const Rule *rule, const State *state, unsigned char *bytes, size_t size);
 bool core_deserialize(const Instance *instance, const Rule *rule, const unsigned char *bytes, size_t size, State **state);
 

@@ -59,25 +59,14 @@ RULE(GET_N_STATES, fmi3GetNumberOfContinuousStates, ANY_PHASE, 0);
 RULE(GET_OUTPUT_DERIVATIVES, fmi3GetOutputDerivatives, 0, STEPPING | INTERMEDIATE | TERMINATED);
 RULE(DO_STEP, fmi3DoStep, 0, STEPPING);
 
-/* The instance where the call is allowed now, else NULL. */
-static Instance *allowed(fmi3Instance i, const Rule *rule) {
-    Instance *instance = i;
-
-    return instance && core_allows(instance, rule) ? instance : NULL;
-}
-
 static fmi3Status status_of(bool done) { return done ? fmi3OK : fmi3Error; }
 
-/* The instance where, in addition, there are as many values as variables, which are all scalar. */
-static Instance *with_values(fmi3Instance i, const Rule *rule, size_t n_references, size_t n) {
-    Instance *instance = allowed(i, rule);
-
-    if (instance && n != n_references) {
-        core_refuse(instance, rule, "all variables are scalar, so there must be %lu values, not %lu.",
-                    (unsigned long)n_references, (unsigned long)n);
-        return NULL;
-    }
-    return instance;
+/* Whether the call is allowed now and has as many values as variables, which are all scalar. */
+static bool has_values(const Instance *instance, const Rule *rule, size_t n_references, size_t n) {
+    if (!core_allows(instance, rule)) return false;
+    if (n == n_references) return true;
+    return core_refuse(instance, rule, "all variables are scalar, so there must be %lu values, not %lu.",
+                       (unsigned long)n_references, (unsigned long)n);
 }
 
 /* ---- life cycle ---- */
@@ -195,73 +184,51 @@ void fmi3FreeInstance(fmi3Instance i) {
 }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance i, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[]) {
-    Instance *instance = allowed(i, &SET_DEBUG_LOGGING);
+    Instance *instance = i;
 
-    if (!instance || !core_set_logging(instance, &SET_DEBUG_LOGGING, loggingOn, nCategories, categories)) return fmi3Error;
+    if (!core_set_logging(instance, &SET_DEBUG_LOGGING, loggingOn, nCategories, categories)) return fmi3Error;
     instance->logged |= LOG_ERRORS;
-    return fmi3OK;
-}
-
-static fmi3Status go_to(fmi3Instance i, const Rule *rule, Phase exchange, Phase simulation) {
-    Instance *instance = allowed(i, rule);
-
-    if (!instance) return fmi3Error;
-    core_enter(instance, instance->kind == MODEL_EXCHANGE ? exchange : simulation);
     return fmi3OK;
 }
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance i, fmi3Boolean toleranceDefined, fmi3Float64 tolerance,
                                        fmi3Float64 startTime, fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
-    Instance *instance = allowed(i, &ENTER_INITIALIZATION);
-
-    if (!instance || !core_set_experiment(instance, &ENTER_INITIALIZATION, toleranceDefined ? tolerance : INFINITY, startTime,
-                                          stopTimeDefined ? stopTime : INFINITY)) {
-        return fmi3Error;
-    }
-    core_enter(instance, INITIALIZATION);
-    return fmi3OK;
+    return status_of(core_set_experiment(i, &ENTER_INITIALIZATION, toleranceDefined ? tolerance : (double)INFINITY, startTime,
+                                         stopTimeDefined ? stopTime : (double)INFINITY) &&
+                     core_enter(i, &ENTER_INITIALIZATION, INITIALIZATION, INITIALIZATION));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance i) { return go_to(i, &EXIT_INITIALIZATION, EVENT, STEPPING); }
-
-fmi3Status fmi3Terminate(fmi3Instance i) { return go_to(i, &TERMINATE, TERMINATED, TERMINATED); }
-
-fmi3Status fmi3Reset(fmi3Instance i) {
-    Instance *instance = allowed(i, &RESET);
-
-    if (!instance) return fmi3Error;
-    core_reset(instance);
-    return fmi3OK;
+fmi3Status fmi3ExitInitializationMode(fmi3Instance i) {
+    return status_of(core_enter(i, &EXIT_INITIALIZATION, EVENT, STEPPING));
 }
+
+fmi3Status fmi3Terminate(fmi3Instance i) { return status_of(core_enter(i, &TERMINATE, TERMINATED, TERMINATED)); }
+
+fmi3Status fmi3Reset(fmi3Instance i) { return status_of(core_reset(i, &RESET)); }
 
 /* ---- values: Float64, and Int64 for enumerations ---- */
 
 fmi3Status fmi3GetFloat64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                           fmi3Float64 values[], size_t nValues) {
-    Instance *instance = with_values(i, &GET_FLOAT64, nValueReferences, nValues);
-
-    return status_of(instance && core_get(instance, &GET_FLOAT64, valueReferences, nValues, values));
+    return status_of(has_values(i, &GET_FLOAT64, nValueReferences, nValues) &&
+                     core_get(i, &GET_FLOAT64, valueReferences, nValues, values));
 }
 
 fmi3Status fmi3SetFloat64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                           const fmi3Float64 values[], size_t nValues) {
-    Instance *instance = with_values(i, &SET_FLOAT64, nValueReferences, nValues);
-
-    return status_of(instance && core_set(instance, &SET_FLOAT64, valueReferences, nValues, values));
+    return status_of(has_values(i, &SET_FLOAT64, nValueReferences, nValues) &&
+                     core_set(i, &SET_FLOAT64, valueReferences, nValues, values));
 }
 
 fmi3Status fmi3GetInt64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                         fmi3Int64 values[], size_t nValues) {
-    Instance *instance = with_values(i, &GET_INT64, nValueReferences, nValues);
     size_t k;
     int value;
 
-    if (!instance) return fmi3Error;
-    if (nValues > 0 && (!valueReferences || !values)) {
-        return status_of(core_refuse(instance, &GET_INT64, "an array is missing."));
-    }
+    if (!has_values(i, &GET_INT64, nValueReferences, nValues)) return fmi3Error;
+    if (!core_has_arrays(i, &GET_INT64, nValues, valueReferences, values)) return fmi3Error;
     for (k = 0; k < nValues; k++) {
-        if (!core_get_integer(instance, &GET_INT64, valueReferences[k], &value)) return fmi3Error;
+        if (!core_get_integer(i, &GET_INT64, valueReferences[k], &value)) return fmi3Error;
         values[k] = value;
     }
     return fmi3OK;
@@ -269,27 +236,18 @@ fmi3Status fmi3GetInt64(fmi3Instance i, const fmi3ValueReference valueReferences
 
 fmi3Status fmi3SetInt64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                         const fmi3Int64 values[], size_t nValues) {
-    Instance *instance = with_values(i, &SET_INT64, nValueReferences, nValues);
     size_t k;
 
-    if (!instance) return fmi3Error;
-    if (nValues > 0 && (!valueReferences || !values)) {
-        return status_of(core_refuse(instance, &SET_INT64, "an array is missing."));
-    }
+    if (!has_values(i, &SET_INT64, nValueReferences, nValues)) return fmi3Error;
+    if (!core_has_arrays(i, &SET_INT64, nValues, valueReferences, values)) return fmi3Error;
     for (k = 0; k < nValues; k++) {
-        if (!core_can_set_integer(instance, &SET_INT64, valueReferences[k], (double)values[k])) return fmi3Error;
+        if (!core_can_set_integer(i, &SET_INT64, valueReferences[k], (double)values[k])) return fmi3Error;
     }
-    for (k = 0; k < nValues; k++) core_set_integer(instance, valueReferences[k], (int)values[k]);
+    for (k = 0; k < nValues; k++) core_set_integer(i, valueReferences[k], (int)values[k]);
     return fmi3OK;
 }
 
-/* A get or set of a type that no variable has. */
-static fmi3Status no_such_type(fmi3Instance i, const Rule *rule, size_t n) {
-    Instance *instance = allowed(i, rule);
-
-    return status_of(instance && (n == 0 || core_refuse(instance, rule, "no variable is of this type.")));
-}
-
+/* A get and a set of a type that no variable has. */
 #define NO_SUCH_TYPE(Type)                                                                                                  \
     fmi3Status fmi3Get##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,           \
                              fmi3##Type values[], size_t nValues) {                                                         \
@@ -297,7 +255,7 @@ static fmi3Status no_such_type(fmi3Instance i, const Rule *rule, size_t n) {
         (void)valueReferences;                                                                                              \
         (void)values;                                                                                                       \
         (void)nValues;                                                                                                      \
-        return no_such_type(i, &rule, nValueReferences);                                                                    \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                                                    \
     }                                                                                                                       \
     fmi3Status fmi3Set##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,           \
                              const fmi3##Type values[], size_t nValues) {                                                   \
@@ -305,7 +263,7 @@ static fmi3Status no_such_type(fmi3Instance i, const Rule *rule, size_t n) {
         (void)valueReferences;                                                                                              \
         (void)values;                                                                                                       \
         (void)nValues;                                                                                                      \
-        return no_such_type(i, &rule, nValueReferences);                                                                    \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                                                    \
     }
 
 NO_SUCH_TYPE(Float32)
@@ -326,7 +284,7 @@ fmi3Status fmi3GetBinary(fmi3Instance i, const fmi3ValueReference valueReference
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return no_such_type(i, &rule, nValueReferences);
+    return status_of(core_has_none(i, &rule, nValueReferences));
 }
 
 fmi3Status fmi3SetBinary(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
@@ -336,7 +294,7 @@ fmi3Status fmi3SetBinary(fmi3Instance i, const fmi3ValueReference valueReference
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return no_such_type(i, &rule, nValueReferences);
+    return status_of(core_has_none(i, &rule, nValueReferences));
 }
 
 fmi3Status fmi3GetClock(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
@@ -344,7 +302,7 @@ fmi3Status fmi3GetClock(fmi3Instance i, const fmi3ValueReference valueReferences
     RULE(rule, fmi3GetClock, ANY_PHASE, ANY_PHASE);
     (void)valueReferences;
     (void)values;
-    return no_such_type(i, &rule, nValueReferences);
+    return status_of(core_has_none(i, &rule, nValueReferences));
 }
 
 fmi3Status fmi3SetClock(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
@@ -352,88 +310,65 @@ fmi3Status fmi3SetClock(fmi3Instance i, const fmi3ValueReference valueReferences
     RULE(rule, fmi3SetClock, ANY_PHASE, BETWEEN_CALLS);
     (void)valueReferences;
     (void)values;
-    return no_such_type(i, &rule, nValueReferences);
+    return status_of(core_has_none(i, &rule, nValueReferences));
 }
 
 /* ---- states and derivatives ---- */
 
 fmi3Status fmi3GetFMUState(fmi3Instance i, fmi3FMUState *FMUState) {
-    Instance *instance = allowed(i, &GET_FMU_STATE);
-
-    return status_of(instance && core_save(instance, &GET_FMU_STATE, (State **)FMUState));
+    return status_of(core_save(i, &GET_FMU_STATE, (State **)FMUState));
 }
 
 fmi3Status fmi3SetFMUState(fmi3Instance i, fmi3FMUState FMUState) {
-    Instance *instance = allowed(i, &SET_FMU_STATE);
-
-    return status_of(instance && core_restore(instance, &SET_FMU_STATE, FMUState));
+    return status_of(core_restore(i, &SET_FMU_STATE, FMUState));
 }
 
 fmi3Status fmi3FreeFMUState(fmi3Instance i, fmi3FMUState *FMUState) {
-    if (!allowed(i, &FREE_FMU_STATE)) return fmi3Error;
-    if (!FMUState) return fmi3OK;
-    core_discard(*FMUState);
-    *FMUState = NULL;
-    return fmi3OK;
+    return status_of(core_discard(i, &FREE_FMU_STATE, (State **)FMUState));
 }
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance i, fmi3FMUState FMUState, size_t *size) {
-    Instance *instance = allowed(i, &SERIALIZED_SIZE);
-
-    (void)FMUState; /* all states are of one size */
-    if (!instance) return fmi3Error;
-    if (!size) return status_of(core_refuse(instance, &SERIALIZED_SIZE, "the place for the size is missing."));
-    *size = core_serialized_size(instance);
-    return fmi3OK;
+    (void)FMUState;
+    return status_of(core_serialized_size(i, &SERIALIZED_SIZE, size));
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance i, fmi3FMUState FMUState, fmi3Byte serializedState[], size_t size) {
-    Instance *instance = allowed(i, &SERIALIZE);
-
-    return status_of(instance && core_serialize(instance, &SERIALIZE, FMUState, serializedState, size));
+    return status_of(core_serialize(i, &SERIALIZE, FMUState, serializedState, size));
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance i, const fmi3Byte serializedState[], size_t size, fmi3FMUState *FMUState) {
-    Instance *instance = allowed(i, &DESERIALIZE);
-
-    return status_of(instance && core_deserialize(instance, &DESERIALIZE, serializedState, size, (State **)FMUState));
+    return status_of(core_deserialize(i, &DESERIALIZE, serializedState, size, (State **)FMUState));
 }
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
                                         const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
                                         size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity) {
-    Instance *instance = with_values(i, &DIRECTIONAL_DERIVATIVE, nKnowns, nSeed);
-
-    if (!instance || !with_values(i, &DIRECTIONAL_DERIVATIVE, nUnknowns, nSensitivity)) return fmi3Error;
-    return status_of(core_differentiate(instance, &DIRECTIONAL_DERIVATIVE, false, unknowns, nUnknowns, knowns, nKnowns, seed,
+    return status_of(has_values(i, &DIRECTIONAL_DERIVATIVE, nKnowns, nSeed) &&
+                     has_values(i, &DIRECTIONAL_DERIVATIVE, nUnknowns, nSensitivity) &&
+                     core_differentiate(i, &DIRECTIONAL_DERIVATIVE, false, unknowns, nUnknowns, knowns, nKnowns, seed,
                                         sensitivity));
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
                                     const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
                                     size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity) {
-    Instance *instance = with_values(i, &ADJOINT_DERIVATIVE, nUnknowns, nSeed);
-
-    if (!instance || !with_values(i, &ADJOINT_DERIVATIVE, nKnowns, nSensitivity)) return fmi3Error;
-    return status_of(core_differentiate(instance, &ADJOINT_DERIVATIVE, true, unknowns, nUnknowns, knowns, nKnowns, seed,
-                                        sensitivity));
+    return status_of(has_values(i, &ADJOINT_DERIVATIVE, nUnknowns, nSeed) &&
+                     has_values(i, &ADJOINT_DERIVATIVE, nKnowns, nSensitivity) &&
+                     core_differentiate(i, &ADJOINT_DERIVATIVE, true, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity));
 }
 
 /* ---- Model Exchange ---- */
 
-fmi3Status fmi3EnterEventMode(fmi3Instance i) { return go_to(i, &ENTER_EVENT, EVENT, EVENT); }
+fmi3Status fmi3EnterEventMode(fmi3Instance i) { return status_of(core_enter(i, &ENTER_EVENT, EVENT, EVENT)); }
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean *discreteStatesNeedUpdate, fmi3Boolean *terminateSimulation,
                                     fmi3Boolean *nominalsOfContinuousStatesChanged,
                                     fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
                                     fmi3Float64 *nextEventTime) {
-    Instance *instance = allowed(i, &UPDATE_DISCRETE_STATES);
+    const void *places[] = {discreteStatesNeedUpdate, terminateSimulation, nominalsOfContinuousStatesChanged,
+                            valuesOfContinuousStatesChanged, nextEventTimeDefined, nextEventTime};
 
-    if (!instance) return fmi3Error;
-    if (!discreteStatesNeedUpdate || !terminateSimulation || !nominalsOfContinuousStatesChanged ||
-        !valuesOfContinuousStatesChanged || !nextEventTimeDefined || !nextEventTime) {
-        return status_of(core_refuse(instance, &UPDATE_DISCRETE_STATES, "a result pointer is missing."));
-    }
+    if (!core_has_places(i, &UPDATE_DISCRETE_STATES, sizeof places / sizeof *places, places)) return fmi3Error;
     *discreteStatesNeedUpdate = fmi3False;
     *terminateSimulation = fmi3False;
     *nominalsOfContinuousStatesChanged = fmi3False;
@@ -443,90 +378,44 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean *discreteStatesN
     return fmi3OK;
 }
 
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) { return go_to(i, &ENTER_CONTINUOUS, CONTINUOUS, CONTINUOUS); }
+fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance i) {
+    return status_of(core_enter(i, &ENTER_CONTINUOUS, CONTINUOUS, CONTINUOUS));
+}
 
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance i, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
                                        fmi3Boolean *enterEventMode, fmi3Boolean *terminateSimulation) {
-    Instance *instance = allowed(i, &COMPLETED_STEP);
-
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance) return fmi3Error;
-    if (!enterEventMode || !terminateSimulation) {
-        return status_of(core_refuse(instance, &COMPLETED_STEP, "a result pointer is missing."));
-    }
+    if (!core_has_places(i, &COMPLETED_STEP, 2, (const void *[]){enterEventMode, terminateSimulation})) return fmi3Error;
     *enterEventMode = fmi3False;
     *terminateSimulation = fmi3False;
     return fmi3OK;
 }
 
-fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64 time) {
-    Instance *instance = allowed(i, &SET_TIME);
-
-    if (!instance) return fmi3Error;
-    if (!isfinite(time)) return status_of(core_refuse(instance, &SET_TIME, "the time is not finite."));
-    instance->status.time = time;
-    return fmi3OK;
-}
-
-/* The instance where the call is allowed and its array has the model's number of states. */
-static Instance *with_states(fmi3Instance i, const Rule *rule, const fmi3Float64 values[], size_t n) {
-    Instance *instance = allowed(i, rule);
-
-    if (instance && !values) {
-        core_refuse(instance, rule, "an array is missing.");
-        return NULL;
-    }
-    if (instance && n != instance->model->n_states) {
-        core_refuse(instance, rule, "the model has %lu continuous states, not %lu.",
-                    (unsigned long)instance->model->n_states, (unsigned long)n);
-        return NULL;
-    }
-    return instance;
-}
+fmi3Status fmi3SetTime(fmi3Instance i, fmi3Float64 time) { return status_of(core_set_time(i, &SET_TIME, time)); }
 
 fmi3Status fmi3SetContinuousStates(fmi3Instance i, const fmi3Float64 continuousStates[], size_t nContinuousStates) {
-    Instance *instance = with_states(i, &SET_STATES, continuousStates, nContinuousStates);
-
-    return status_of(instance && core_set_states(instance, &SET_STATES, continuousStates));
+    return status_of(core_set_states(i, &SET_STATES, continuousStates, nContinuousStates));
 }
 
 fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance i, fmi3Float64 derivatives[], size_t nContinuousStates) {
-    Instance *instance = with_states(i, &GET_DERIVATIVES, derivatives, nContinuousStates);
-
-    if (!instance) return fmi3Error;
-    memcpy(derivatives, core_derivatives(instance), nContinuousStates * sizeof(fmi3Float64));
-    return fmi3OK;
+    return status_of(core_get_derivatives(i, &GET_DERIVATIVES, derivatives, nContinuousStates));
 }
 
 fmi3Status fmi3GetEventIndicators(fmi3Instance i, fmi3Float64 eventIndicators[], size_t nEventIndicators) {
-    Instance *instance = allowed(i, &GET_EVENT_INDICATORS);
-
     (void)eventIndicators;
-    return status_of(instance && (nEventIndicators == 0 ||
-                                  core_refuse(instance, &GET_EVENT_INDICATORS, "the model has no event indicators.")));
+    return status_of(core_has_none(i, &GET_EVENT_INDICATORS, nEventIndicators));
 }
 
 fmi3Status fmi3GetContinuousStates(fmi3Instance i, fmi3Float64 continuousStates[], size_t nContinuousStates) {
-    Instance *instance = with_states(i, &GET_STATES, continuousStates, nContinuousStates);
-
-    if (!instance) return fmi3Error;
-    memcpy(continuousStates, core_states(instance), nContinuousStates * sizeof(fmi3Float64));
-    return fmi3OK;
+    return status_of(core_get_states(i, &GET_STATES, continuousStates, nContinuousStates));
 }
 
 fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance i, fmi3Float64 nominals[], size_t nContinuousStates) {
-    Instance *instance = with_states(i, &GET_NOMINALS, nominals, nContinuousStates);
-
-    if (!instance) return fmi3Error;
-    memcpy(nominals, instance->model->nominals, nContinuousStates * sizeof(fmi3Float64));
-    return fmi3OK;
+    return status_of(core_get_nominals(i, &GET_NOMINALS, nominals, nContinuousStates));
 }
 
 static fmi3Status give_number(fmi3Instance i, const Rule *rule, size_t number, size_t *place) {
-    Instance *instance = allowed(i, rule);
-
-    if (!instance) return fmi3Error;
-    if (!place) return status_of(core_refuse(instance, rule, "the place for the number is missing."));
+    if (!core_has_places(i, rule, 1, (const void *[]){place})) return fmi3Error;
     *place = number;
     return fmi3OK;
 }
@@ -543,16 +432,8 @@ fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance i, size_t *nContinuousSt
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
                                     const fmi3Int32 orders[], fmi3Float64 values[], size_t nValues) {
-    Instance *instance = with_values(i, &GET_OUTPUT_DERIVATIVES, nValueReferences, nValues);
-    size_t k;
-
-    if (!instance) return fmi3Error;
-    if (nValues > 0 && !orders) return status_of(core_refuse(instance, &GET_OUTPUT_DERIVATIVES, "the orders are missing."));
-    for (k = 0; k < nValues; k++) {
-        if (orders[k] == 1) continue;
-        return status_of(core_refuse(instance, &GET_OUTPUT_DERIVATIVES, "the order must be 1, not %d.", (int)orders[k]));
-    }
-    return status_of(core_time_derivatives(instance, &GET_OUTPUT_DERIVATIVES, valueReferences, nValues, values));
+    return status_of(has_values(i, &GET_OUTPUT_DERIVATIVES, nValueReferences, nValues) &&
+                     core_time_derivatives(i, &GET_OUTPUT_DERIVATIVES, valueReferences, nValues, orders, values));
 }
 
 /* Lets the importer look at the instance after a step of the solver, and ask for an early return. */
@@ -570,17 +451,15 @@ static double intermediate_update(Instance *instance, double end) {
 fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 currentCommunicationPoint, fmi3Float64 communicationStepSize,
                       fmi3Boolean noSetFMUStatePriorToCurrentPoint, fmi3Boolean *eventHandlingNeeded,
                       fmi3Boolean *terminateSimulation, fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime) {
-    Instance *instance = allowed(i, &DO_STEP);
     const fmi3Float64 end = currentCommunicationPoint + communicationStepSize;
+    const void *places[] = {eventHandlingNeeded, terminateSimulation, earlyReturn, lastSuccessfulTime};
+    const Instance *instance = i;
     const Host *host;
 
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance) return fmi3Error;
-    if (!eventHandlingNeeded || !terminateSimulation || !earlyReturn || !lastSuccessfulTime) {
-        return status_of(core_refuse(instance, &DO_STEP, "a result pointer is missing."));
-    }
+    if (!core_has_places(instance, &DO_STEP, sizeof places / sizeof *places, places)) return fmi3Error;
     host = instance->host;
-    if (!core_step(instance, &DO_STEP, currentCommunicationPoint, communicationStepSize,
+    if (!core_step(i, &DO_STEP, currentCommunicationPoint, communicationStepSize,
                    host->intermediate_update ? intermediate_update : NULL)) {
         return fmi3Error;
     }
@@ -643,7 +522,7 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance i, fmi3ValueReference depend
         RULE(rule, Function, ANY_PHASE, ANY_PHASE);                                                               \
         (void)valueReferences;                                                                                    \
         (void)first;                                                                                              \
-        return no_such_type(i, &rule, nValueReferences);                                                          \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                                          \
     }
 
 #define NO_CLOCKS_2(Function, First, Second)                                                                      \
@@ -653,7 +532,7 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance i, fmi3ValueReference depend
         (void)valueReferences;                                                                                    \
         (void)first;                                                                                              \
         (void)second;                                                                                             \
-        return no_such_type(i, &rule, nValueReferences);                                                          \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                                          \
     }
 
 NO_CLOCKS_2(fmi3GetIntervalDecimal, fmi3Float64, fmi3IntervalQualifier)
@@ -671,5 +550,5 @@ fmi3Status fmi3GetIntervalFraction(fmi3Instance i, const fmi3ValueReference valu
     (void)counters;
     (void)resolutions;
     (void)qualifiers;
-    return no_such_type(i, &rule, nValueReferences);
+    return status_of(core_has_none(i, &rule, nValueReferences));
 }

@@ -295,16 +295,16 @@ COMMON = {
     "differentiate over a parameter": "is no known now",
     "differentiate without a seed": "an array is missing",
     "differentiate into nothing": "an array is missing",
-    "save nowhere": "the place for the state is missing",
+    "save nowhere": "a place for a result is missing",
     "restore nothing": "the state is missing",
     "serialize nothing": "is missing",
     "deserialize nothing": "the bytes are missing",
-    "ask for a size nowhere": "the place for the size is missing",
+    "ask for a size nowhere": "a place for a result is missing",
     "serialize nowhere": "is missing",
     "serialize into too little": "bytes, not 8",
     "log an unknown category": "there is no log category noSuchCategory",
     "log no category": "there is no log category",
-    "log no categories": "the categories are missing",
+    "log no categories": "an array is missing",
     "set a start value late": "cannot be changed now",
     "set after the end": "not allowed in terminated",
     "terminate twice": "not allowed in terminated",
@@ -324,7 +324,7 @@ OF_KIND = {
         "tune within a step": "cannot be changed now",
         "settle within a step": "not allowed in continuous-time mode",
         "step a model": "not allowed in continuous-time mode of Model Exchange",
-        "get an event indicator": "no event indicators",
+        "get an event indicator": "the model has none of these",
     },
     Kind.CO_SIMULATION: {
         "set the solver late": "cannot be changed now",
@@ -338,7 +338,7 @@ OF_KIND = {
         "ask for second derivatives": "the order must be 1, not 2",
         "ask for an input's derivative": "is no output",
         "ask for derivatives nowhere": "an array is missing",
-        "ask for derivatives of no order": "the orders are missing",
+        "ask for derivatives of no order": "an array is missing",
         "set states of a slave": "not allowed in step mode of Co-Simulation",
         "enter the event mode of a slave": "not allowed in step mode of Co-Simulation",
     },
@@ -346,8 +346,8 @@ OF_KIND = {
 
 OF_VERSION = {
     2: {
-        "get a Boolean": "no variable is of the type Boolean",
-        "get a String": "no variable is of the type String",
+        "get a Boolean": "the model has none of these",
+        "get a String": "the model has none of these",
     },
     3: {
         "instantiate with an event mode": "there is no event mode",
@@ -356,9 +356,9 @@ OF_VERSION = {
         "instantiate for scheduled execution": "this FMU is for Model Exchange and Co-Simulation",
         "instantiate without a log": "",
         "get two values of one variable": "there must be 1 values, not 2",
-        "get an Int32": "no variable is of this type",
-        "set a Binary": "no variable is of this type",
-        "get a Clock": "no variable is of this type",
+        "get an Int32": "the model has none of these",
+        "set a Binary": "the model has none of these",
+        "get a Clock": "the model has none of these",
         "enter the configuration mode": "not provided by this FMU",
         "enter the step mode": "not provided by this FMU",
         "activate a partition": "not provided by this FMU",
@@ -368,15 +368,15 @@ OF_VERSION = {
 
 OF_BOTH = {
     (2, Kind.CO_SIMULATION): {
-        "set a Boolean": "no variable is of the type Boolean",
-        "set a String": "no variable is of the type String",
+        "set a Boolean": "the model has none of these",
+        "set a String": "the model has none of these",
         "set input derivatives": "inputs are held",
         "cancel a step": "not allowed in step mode",
-        "ask for a time nowhere": "the place for the value is missing",
+        "ask for a time nowhere": "a place for a result is missing",
     },
     (2, Kind.MODEL_EXCHANGE): {},
-    (3, Kind.CO_SIMULATION): {"step nowhere": "a result pointer is missing"},
-    (3, Kind.MODEL_EXCHANGE): {"count states nowhere": "the place for the number is missing"},
+    (3, Kind.CO_SIMULATION): {"step nowhere": "a place for a result is missing"},
+    (3, Kind.MODEL_EXCHANGE): {"count states nowhere": "a place for a result is missing"},
 }
 
 # Of a Co-Simulation slave of FMI 2.0 whose steps are never pending.
