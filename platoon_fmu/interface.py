@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from typing import Any
 
 from platoon_fmu.parameters import VehicleParameters
 
@@ -93,11 +94,11 @@ def _state(name: str, unit: str, nominal: float, description: str) -> Variable:
     return Variable(name, "output", "continuous", unit, description, nominal=nominal)
 
 
-def _output(name: str, unit: str, nominal: float, description: str, **limits: float) -> Variable:
+def _output(name: str, unit: str, nominal: float, description: str, **limits: Any) -> Variable:
     return Variable(name, "output", "continuous", unit, description, nominal=nominal, **limits)
 
 
-def _input(name: str, unit: str, nominal: float, description: str, *, start: float = 0.0, **limits: float) -> Variable:
+def _input(name: str, unit: str, nominal: float, description: str, *, start: float = 0.0, **limits: Any) -> Variable:
     return Variable(name, "input", "continuous", unit, description, nominal=nominal, start=start, **limits)
 
 
@@ -105,7 +106,7 @@ def _start(name: str, unit: str, description: str) -> Variable:
     return Variable(name, "parameter", "fixed", unit, description, start=0.0)
 
 
-def _per_wheel(prefix: str, unit: str, nominal: float, description: str, **limits: float) -> tuple[Variable, ...]:
+def _per_wheel(prefix: str, unit: str, nominal: float, description: str, **limits: Any) -> tuple[Variable, ...]:
     return tuple(
         _output(f"{prefix}_{n}", unit, nominal, f"{description}, {w}", **limits) for n, w in _WHEEL_NAMES.items()
     )
