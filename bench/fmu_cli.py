@@ -97,7 +97,7 @@ def validate(
         raise BadInput(str(error)) from error
     passed, skipped, problems = (outcomes.count(o) for o in (Outcome.PASSED, Outcome.SKIPPED, Outcome.PROBLEM))
     found = f"{problems or 'no'} {'problem' if problems == 1 else 'problems'} found"
-    typer.echo(f"{path}: {found} ({passed} checks passed, {skipped} skipped)")
+    typer.echo(f"{path}: {found} ({passed} {'check' if passed == 1 else 'checks'} passed, {skipped} skipped)")
     if problems:
         raise typer.Exit(1)
 

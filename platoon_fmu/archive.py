@@ -141,7 +141,7 @@ def _opened(fmu: Path) -> Iterator[zipfile.ZipFile]:
     except OSError as error:
         raise FmuError(f"{fmu} cannot be read: {error.strerror or error}") from error
     except _UNREADABLE as error:
-        raise FmuError(f"{fmu}: not a zip file, so not an FMU: {error}") from error
+        raise FmuError(f"{fmu}: not a zip file, or one that is cut off, so not an FMU") from error
     with archive:
         _check_members(fmu, archive.infolist())
         yield archive

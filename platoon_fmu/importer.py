@@ -81,8 +81,11 @@ class OpenFmu:
         """
         content = (self.folder / archive.DESCRIPTION).read_bytes()
         attributes = archive.interface_types(content)[kind.replace(" ", "").replace("-", "")]
-        name = _FLAGS_2.get(flag, flag) if self.version == 2 else flag
-        return attributes.get(name) in ("true", "1")
+        return attributes.get(self.flag_name(flag)) in ("true", "1")
+
+    def flag_name(self, flag: str) -> str:
+        """What the FMU's version calls a capability flag of FMI 3.0."""
+        return _FLAGS_2.get(flag, flag) if self.version == 2 else flag
 
     @property
     def kinds(self) -> tuple[Kind, ...]:

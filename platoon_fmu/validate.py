@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -75,7 +77,10 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
     """
     # -P: nothing that lies in the working directory is taken for a module.
     command = [sys.executable, "-P", "-m", "platoon_fmu.check_process", str(folder), str(timeout_s)]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as process:
+    # In a session of its own, so that all processes it starts can be ended with it.
+    with subprocess.Popen(
+        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, start_new_session=True
+    ) as process:
         try:
             answers = _answers(process)
             unloadable = next(answers)["unloadable"]
@@ -83,6 +88,14 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
                 raise FmuError(f"{fmu}: {one_line(unloadable).replace(f'{folder}/', '')}")
             yield (Check(a["name"], a["kind"], Outcome(a["outcome"]), a["text"]) for a in answers)
         finally:
+            _end(process)
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    if process.poll() is None:
+        if hasattr(os, "killpg"):
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
             process.kill()
 
 

@@ -22,7 +22,6 @@ from platoon_fmu.build import Step
 from platoon_fmu.compilers import this_platform
 from platoon_fmu.errors import FmuError, UnknownPlatform
 from platoon_fmu.parameters import VehicleParameters
-from platoon_fmu.validate import validate
 from platoon_fmu.versions import FMI2, FMI3, Version
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema" / "fmi3"
@@ -276,33 +275,3 @@ def test_the_variables_are_the_interface(fmu_path):
     starts = {v.name: float(v.start) for v in description.modelVariables if v.start is not None}
     assert starts["M"] == VehicleParameters().M
     assert starts["mu"] == VehicleParameters().mu_a
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [(None, "no such file"), (b"no zip", "not a zip"), (b"PK\x03\x04" + bytes(40), "not a zip")],
-)
-def test_files_that_are_no_fmu_are_refused(tmp_path, content, said):
-    path = tmp_path / "a.fmu"
-    if content is not None:
-        path.write_bytes(content)
-    with pytest.raises(FmuError, match=said):
-        list(validate(path))
-
-
-def test_a_zip_without_a_model_description_is_refused(tmp_path):
-    path = tmp_path / "a.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("readme", "nothing here")
-    with pytest.raises(FmuError, match="no modelDescription"):
-        list(validate(path))
-
-
-def test_a_broken_binary_is_refused_without_a_crash(fmu_path, tmp_path):
-    path = tmp_path / "a.fmu"
-    with zipfile.ZipFile(fmu_path) as source, zipfile.ZipFile(path, "w") as target:
-        for name in source.namelist():
-            content = source.read(name)
-            target.writestr(name, content[:500] if name.startswith("binaries/") else content)
-    with pytest.raises(FmuError, match="cannot be loaded"):
-        list(validate(path))

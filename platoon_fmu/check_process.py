@@ -1,0 +1,92 @@
+"""The process that makes the dynamic checks: `python -m platoon_fmu.check_process FOLDER SECONDS`.
+
+FOLDER is where the FMU is unpacked, SECONDS how long a check may take. Each check is a process of its own, a copy of
+this one. The answer on standard output is a JSON object a line: first whether the binaries can be loaded, then the
+checks in order.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+# For the checks' processes, which as copies of this one have it then; `trial` imports it where it is needed.
+import scipy.integrate  # noqa: F401
+
+from platoon_fmu.dynamic_checks import CHECKS, DynamicCheck, Subject
+from platoon_fmu.errors import FmuError, ProcessDied
+from platoon_fmu.findings import Check, Finding, problem, skipped
+from platoon_fmu.importer import Kind, OpenFmu, load
+from platoon_fmu.isolation import isolated
+
+
+def unloadable(fmu: OpenFmu, timeout_s: float) -> str:
+    """Why a binary of the FMU cannot be loaded; empty where all can."""
+    for kind in fmu.kinds:
+        try:
+            isolated(_load, fmu.folder, kind, timeout_s=timeout_s, folder=fmu.folder)
+        except ProcessDied as death:
+            return f"its binary for {kind} cannot be loaded: it {death}"
+        except FmuError as error:
+            return str(error)
+    return ""
+
+
+def _load(folder: Path, kind: Kind) -> None:
+    load(OpenFmu.unpacked(folder), kind)
+
+
+def checks(fmu: OpenFmu, timeout_s: float) -> Iterator[Check]:
+    """The dynamic checks, each made when it is asked for.
+
+    Where a kind does not get through a short run alive, its other checks would end the same way and are not made.
+    """
+    for kind in fmu.kinds:
+        subject = Subject(fmu, kind, timeout_s)
+        dead = ""
+        for check in CHECKS:
+            if not check.concerns(subject):
+                continue
+            why_not = dead or check.why_not(subject)
+            finding = skipped(why_not) if why_not else _made(check, subject)
+            if check is CHECKS[0] and isinstance(finding, _Death):
+                dead = "the short run did not come to its end"
+            yield Check(check.name, kind, finding.outcome, finding.text)
+
+
+class _Death(Finding):
+    """What a check found whose process died."""
+
+
+def _made(check: DynamicCheck, subject: Subject) -> Finding:
+    try:
+        return isolated(_make, check.name, subject, timeout_s=subject.timeout_s, folder=subject.fmu.folder)
+    except ProcessDied as death:
+        found = problem(str(death))
+        return _Death(found.outcome, found.text)
+
+
+def _make(name: str, subject: Subject) -> Finding:
+    return next(check for check in CHECKS if check.name == name)(subject)
+
+
+def main() -> None:
+    """Answers on standard output."""
+    fmu, timeout_s = OpenFmu.unpacked(Path(sys.argv[1])), float(sys.argv[2])
+    reason = unloadable(fmu, timeout_s)
+    _answer({"unloadable": reason})
+    if not reason:
+        for check in checks(fmu, timeout_s):
+            _answer(asdict(check))
+
+
+def _answer(content: dict[str, str]) -> None:
+    sys.stdout.write(json.dumps(content) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

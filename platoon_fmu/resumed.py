@@ -1,0 +1,38 @@
+"""Goes on from an FMU's serialised state in a process of its own: `python -m platoon_fmu.resumed HEADER SECONDS`.
+
+HEADER is JSON with the folder that the FMU is unpacked in, the kind and the time of the state; SECONDS is how long this
+may take; the state comes by standard input. The values after each step go to standard output as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from platoon_fmu.importer import Instance, Kind, OpenFmu
+from platoon_fmu.isolation import end_after
+from platoon_fmu.trial import experiment, observed, run
+
+
+def main() -> None:
+    """Goes on; ends with status 1 and a line on standard error where the FMU refuses."""
+    header = json.loads(sys.argv[1])
+    end_after(float(sys.argv[2]))
+    # What the binary prints is not to get in between.
+    answer = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)
+    fmu, kind = OpenFmu.unpacked(Path(header["folder"])), Kind(header["kind"])
+    try:
+        with Instance(fmu, kind) as instance:
+            instance.deserialise(sys.stdin.buffer.read(), header["time"])
+            snapshots = run(instance, observed(fmu, kind), experiment(fmu).step)
+    except Exception as error:  # noqa: BLE001 - whatever the FMU does wrong is what the caller wants to know
+        sys.exit(str(error))
+    with answer:
+        json.dump(snapshots, answer)
+
+
+if __name__ == "__main__":
+    main()
