@@ -84,8 +84,8 @@ def validate(
 ) -> None:
     """Check any FMU against the standard, and try what it claims to do."""
     from bench.fmu_table import show_check
-    from platoon_fmu.findings import Outcome
-    from platoon_fmu.validate import validate as checks_of
+    from platoon_fmu.checks.findings import Outcome
+    from platoon_fmu.checks.validate import validate as checks_of
 
     path = _fmu_path(fmu)
     outcomes = []

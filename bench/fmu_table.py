@@ -8,7 +8,7 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from platoon_fmu.findings import Check, Outcome
+from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.info import CAUSALITIES, VARIABILITIES, FmuInfo, Value, VariableInfo
 
 # Wider than any line: what is no terminal has no width that lines would have to be broken at.

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from platoon_fmu import archive
+from platoon_fmu.checks.validate import validate
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import opened
 from platoon_fmu.info import info
-from platoon_fmu.validate import validate
 
 HEAD = '<fmiModelDescription fmiVersion="{}" modelName="M" guid="g">{}</fmiModelDescription>'
 UNREADABLE = "<ModelVariables><ScalarVariable name='a' valueReference='0'><Real declaredType='T'/></ScalarVariable>"

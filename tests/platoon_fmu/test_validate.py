@@ -15,10 +15,10 @@ from pathlib import Path
 import fmpy
 import pytest
 
+from platoon_fmu.checks.findings import Check, Outcome
+from platoon_fmu.checks.validate import validate
 from platoon_fmu.errors import FmuError
-from platoon_fmu.findings import Check, Outcome
 from platoon_fmu.importer import Kind
-from platoon_fmu.validate import validate
 
 SOURCES = Path(__file__).parent / "faulty"
 HEADERS = Path(fmpy.__file__).parent / "c-code"

@@ -16,9 +16,9 @@ import numpy as np
 from fmpy.fmi1 import FMICallException
 from numpy.typing import NDArray
 
+from platoon_fmu.checks.trial import REAL, continuous_inputs, experiment, limit
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import Instance, OpenFmu
-from platoon_fmu.trial import REAL, continuous_inputs, experiment, limit
 
 Array = NDArray[np.float64]
 

@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from platoon_fmu.archive import one_line
-from platoon_fmu.errors import FmuError
-from platoon_fmu.findings import Finding, Outcome, passed, problem, skipped
-from platoon_fmu.importer import Instance, Kind, OpenFmu, Value
-from platoon_fmu.isolation import cause_of_death
-from platoon_fmu.jacobian import (
+from platoon_fmu.checks.findings import Finding, Outcome, passed, problem, skipped
+from platoon_fmu.checks.isolation import cause_of_death
+from platoon_fmu.checks.jacobian import (
     Differences,
     Point,
     declares_dependencies,
@@ -33,7 +31,7 @@ from platoon_fmu.jacobian import (
     undeclared_reactions,
     unknowns,
 )
-from platoon_fmu.trial import (
+from platoon_fmu.checks.trial import (
     STEPS,
     Snapshot,
     continuous_inputs,
@@ -44,6 +42,8 @@ from platoon_fmu.trial import (
     run,
     start_values,
 )
+from platoon_fmu.errors import FmuError
+from platoon_fmu.importer import Instance, Kind, OpenFmu, Value
 
 Array = NDArray[np.float64]
 
@@ -236,7 +236,7 @@ def state_in_another_process(subject: Subject) -> Finding:
     content = instance.serialise()
     header = {"folder": str(subject.fmu.folder), "kind": subject.kind, "time": instance.time}
     expected = subject.run(instance)
-    command = [sys.executable, "-P", "-m", "platoon_fmu.resumed", json.dumps(header), str(subject.timeout_s)]
+    command = [sys.executable, "-P", "-m", "platoon_fmu.checks.resumed", json.dumps(header), str(subject.timeout_s)]
     # It ends itself when it takes too long.
     done = subprocess.run(command, input=content, capture_output=True, check=False)
     answer = _answer(done)

@@ -1,4 +1,4 @@
-"""Goes on from an FMU's serialised state in a process of its own: `python -m platoon_fmu.resumed HEADER SECONDS`.
+"""Goes on from an FMU's serialised state in another process: `python -m platoon_fmu.checks.resumed HEADER SECONDS`.
 
 HEADER is JSON with the folder that the FMU is unpacked in, the kind and the time of the state; SECONDS is how long this
 may take; the state comes by standard input. The values after each step go to standard output as JSON.
@@ -11,9 +11,9 @@ import os
 import sys
 from pathlib import Path
 
+from platoon_fmu.checks.isolation import end_after
+from platoon_fmu.checks.trial import experiment, observed, run
 from platoon_fmu.importer import Instance, Kind, OpenFmu
-from platoon_fmu.isolation import end_after
-from platoon_fmu.trial import experiment, observed, run
 
 
 def main() -> None:

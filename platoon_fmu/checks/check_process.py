@@ -1,4 +1,4 @@
-"""The process that makes the dynamic checks: `python -m platoon_fmu.check_process FOLDER SECONDS`.
+"""The process that makes the dynamic checks: `python -m platoon_fmu.checks.check_process FOLDER SECONDS`.
 
 FOLDER is where the FMU is unpacked, SECONDS how long a check may take. Each check is a process of its own, a copy of
 this one. The answer on standard output is a JSON object a line: first whether the binaries can be loaded, then the
@@ -16,11 +16,11 @@ from pathlib import Path
 # For the checks' processes, which as copies of this one have it then; `trial` imports it where it is needed.
 import scipy.integrate  # noqa: F401
 
-from platoon_fmu.dynamic_checks import CHECKS, DynamicCheck, Subject
+from platoon_fmu.checks.dynamic_checks import CHECKS, DynamicCheck, Subject
+from platoon_fmu.checks.findings import Check, Finding, problem, skipped
+from platoon_fmu.checks.isolation import isolated
 from platoon_fmu.errors import FmuError, ProcessDied
-from platoon_fmu.findings import Check, Finding, problem, skipped
 from platoon_fmu.importer import Kind, OpenFmu, load
-from platoon_fmu.isolation import isolated
 
 
 def unloadable(fmu: OpenFmu, timeout_s: float) -> str:

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from platoon_fmu.archive import one_line
+from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.errors import FmuError
-from platoon_fmu.findings import Check, Outcome
 
 if TYPE_CHECKING:
     from platoon_fmu.importer import OpenFmu
@@ -76,7 +76,7 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
         FmuError: a binary cannot be loaded.
     """
     # -P: nothing that lies in the working directory is taken for a module.
-    command = [sys.executable, "-P", "-m", "platoon_fmu.check_process", str(folder), str(timeout_s)]
+    command = [sys.executable, "-P", "-m", "platoon_fmu.checks.check_process", str(folder), str(timeout_s)]
     # In a session of its own, so that all processes it starts can be ended with it.
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, start_new_session=True

@@ -1,0 +1,1 @@
+"""Checks of any FMU, also while it runs: `validate` lists what they found."""
