@@ -31,15 +31,20 @@ def validate(fmu: Path, timeout_s: float = TIMEOUT_S) -> Iterator[Check]:
         timeout_s: how long one dynamic check may take [s].
 
     Raises:
-        FmuError: the file is missing, damaged, no FMU, or its binary for this platform cannot be loaded.
+        FmuError: the file is missing, damaged or no FMU, or its binary for this platform is missing or does not load;
+            that it is missing is said after the static checks.
     """
     from platoon_fmu.importer import opened
 
     with opened(fmu) as unpacked:
-        if not unpacked.kinds or not unpacked.runs_here:
+        if not unpacked.kinds:
             yield from static_checks(fmu)
-            yield Check("dynamic checks", "", Outcome.SKIPPED, _why_not_run(unpacked))
+            reason = "the FMU has neither Model Exchange nor Co-Simulation"
+            yield Check("dynamic checks", "", Outcome.SKIPPED, reason)
             return
+        if not unpacked.runs_here:
+            yield from static_checks(fmu)
+            raise FmuError(f"{fmu}: {_why_not_run(unpacked)}")
         with _dynamic_checks(fmu, unpacked.folder, timeout_s) as dynamic_checks:
             yield from static_checks(fmu)
             yield from dynamic_checks
@@ -62,10 +67,9 @@ def static_checks(fmu: Path) -> Iterator[Check]:
 def _why_not_run(fmu: OpenFmu) -> str:
     import fmpy
 
-    if not fmu.kinds:
-        return "the FMU has neither Model Exchange nor Co-Simulation"
     others = f"it has some for {', '.join(fmu.platforms)}" if fmu.platforms else "it has none at all"
-    return f"the FMU has no binary for this platform, {fmpy.platform_tuple}; {others}"
+    mend = "; `python -m fmpy compile` makes one of its C sources" if any(fmu.folder.glob("sources/*.c")) else ""
+    return f"the FMU has no binary for this platform, {fmpy.platform_tuple}, and cannot be run here; {others}{mend}"
 
 
 @contextmanager

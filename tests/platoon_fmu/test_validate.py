@@ -201,12 +201,17 @@ def test_what_fmpy_finds_is_told_beside_the_dynamic_checks(spring, version):
 
 
 @VERSIONS
-def test_without_a_binary_for_this_platform_the_static_result_decides(spring, version):
-    static, dynamic = validate(spring(version, platform="amiga-m68k"))
-    assert static.outcome is Outcome.PASSED
-    assert dynamic.outcome is Outcome.SKIPPED
-    assert "no binary for this platform" in dynamic.text
-    assert "it has some for amiga-m68k" in dynamic.text
+def test_without_a_binary_for_this_platform_it_ends_after_the_static_checks(spring, version):
+    fmu = spring(version, platform="amiga-m68k")
+    checks = validate(fmu)
+    assert next(checks).outcome is Outcome.PASSED
+    with pytest.raises(FmuError, match=r"no binary for this platform, .*; it has some for amiga-m68k"):
+        next(checks)
+    done = subprocess.run(
+        [sys.executable, "-m", "bench.cli", "fmu", "validate", str(fmu)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
 
 
 def test_the_platform_folder_of_fmi_3_counts_in_fmi_2_too(spring):
