@@ -80,7 +80,7 @@ def _showing_steps() -> Iterator[Callable[["Step"], None]]:
 
 @fmu_app.command(epilog="Exit codes: 0 no problems, 1 problems found, 2 bad file.")
 def validate(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
 ) -> None:
     """Check any FMU against the standard, and try what it claims to do."""
     from bench.fmu_table import show_check
@@ -104,7 +104,7 @@ def validate(
 
 @fmu_app.command(epilog="Exit codes: 0 done, 2 bad file.")
 def info(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Show what any FMU is, what it can do, and its variables."""
@@ -125,7 +125,7 @@ def info(
 
 @fmu_app.command(epilog="Exit codes: 0 all figures met, 1 some missed, 2 bad input.")
 def report(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the one built here if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
 ) -> None:
     """Validate an FMU's physics: drive standard manoeuvres, write one HTML file of what came of them."""

@@ -1,7 +1,7 @@
 """Builds Vehicle.fmu: equations -> C -> binaries -> modelDescription -> zip.
 
 The same inputs give the same bytes. An FMU whose inputs have not changed is not built again; finding that out
-reads a few files and imports nothing heavy, since a start of the bench passes through here.
+reads a few files and imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -129,6 +129,7 @@ def _write_zip(path: Path, members: Mapping[str, bytes]) -> None:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, date_time=_EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.create_system = 3  # Unix, also where this runs elsewhere
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, members[name], compresslevel=9)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -22,6 +23,7 @@ class SymbolicModel:
         x, u, p: symbols of states, inputs and parameters (tunable, then start values).
         derivatives, outputs: expressions in x, u, p.
         initial: the states at the start, expressions in p.
+        fastest: the fastest decay there can be, an expression in p.
         running: Jacobian of states, derivatives and outputs over states and inputs, in x, u, p.
         beginning: the same over inputs and parameters where the states are those of the start, in u, p.
     """
@@ -32,6 +34,7 @@ class SymbolicModel:
     derivatives: Any
     outputs: Any
     initial: Any
+    fastest: Any
     running: Any
     beginning: Any
 
@@ -71,6 +74,7 @@ def symbolic_model() -> SymbolicModel:
         derivatives=derivatives,
         outputs=outputs,
         initial=initial,
+        fastest=vehicle.fastest_rate(P),
         running=ca.jacobian(unknowns, ca.vertcat(x, u)),
         beginning=ca.jacobian(ca.substitute(unknowns, x, initial), ca.vertcat(u, p)),
     )
@@ -106,6 +110,7 @@ def equations_c(model: SymbolicModel) -> str:
         ca.Function("vehicle_derivatives", [model.x, model.u, model.p], [model.derivatives]),
         ca.Function("vehicle_outputs", [model.x, model.u, model.p], [model.outputs]),
         ca.Function("vehicle_initial", [model.p], [model.initial]),
+        ca.Function("vehicle_fastest", [model.p], [model.fastest]),
         ca.Function("vehicle_running", [model.x, model.u, model.p], [model.running]),
         ca.Function("vehicle_beginning", [model.u, model.p], [model.beginning]),
     ]
@@ -114,6 +119,9 @@ def equations_c(model: SymbolicModel) -> str:
         generator.add(function)
     # Nothing but the FMI functions may leave the binary.
     return "#define CASADI_SYMBOL_EXPORT\n" + str(generator.dump())
+
+
+_LARGEST = sys.float_info.max
 
 
 def _array(kind: str, name: str, values: Iterable[float]) -> str:
@@ -135,6 +143,7 @@ _TABLE = """\
 int vehicle_derivatives(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_outputs(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_initial(const double **arg, double **res, int *iw, double *w, int mem);
+int vehicle_fastest(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_running(const double **arg, double **res, int *iw, double *w, int mem);
 int vehicle_beginning(const double **arg, double **res, int *iw, double *w, int mem);
 
@@ -154,6 +163,12 @@ static void outputs(const double *x, const double *u, const double *p, double *y
     const double *arg[] = {{x, u, p}};
     double *res[] = {{y}};
     vehicle_outputs(arg, res, 0, 0, 0);
+}}
+
+static void fastest(const double *p, double *rate) {{
+    const double *arg[] = {{p}};
+    double *res[] = {{rate}};
+    vehicle_fastest(arg, res, 0, 0, 0);
 }}
 
 static void running(const double *x, const double *u, const double *p, double *nonzeros) {{
@@ -181,12 +196,15 @@ const Model platoon_model = {{
     .nominals = nominals,
     .inputs_start = inputs_start,
     .parameters_start = parameters_start,
+    .parameters_minimum = parameters_minimum,
+    .parameters_maximum = parameters_maximum,
     .settings_start = settings_start,
     .settings_minimum = settings_minimum,
     .settings_maximum = settings_maximum,
     .initial = initial,
     .derivatives = derivatives,
     .outputs = outputs,
+    .fastest = fastest,
     .running = {{running_starts, running_rows, running}},
     .beginning = {{beginning_starts, beginning_rows, beginning}},
 }};
@@ -206,6 +224,8 @@ def table_c(model: SymbolicModel, token: str) -> str:
         _array("double", "nominals", (v.nominal or 1.0 for v in interface.STATES)),
         _array("double", "inputs_start", (v.start or 0.0 for v in interface.INPUTS)),
         _array("double", "parameters_start", (v.start or 0.0 for v in parameters)),
+        _array("double", "parameters_minimum", (-_LARGEST if v.minimum is None else v.minimum for v in parameters)),
+        _array("double", "parameters_maximum", (_LARGEST if v.maximum is None else v.maximum for v in parameters)),
         _array("double", "settings_start", (v.start or 0.0 for v in settings)),
         _array("double", "settings_minimum", (v.minimum or 0.0 for v in settings)),
         _array("double", "settings_maximum", (v.maximum or 0.0 for v in settings)),

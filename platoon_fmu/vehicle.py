@@ -169,3 +169,13 @@ def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX
     given = {name: start[f"{name}_start"] for name in ("X", "Y", "psi", "v_x", "v_y", "gamma")}
     level = {name: ca.SX(0) for name in ("phi", "p", "load_transfer_x", "load_transfer_y")}
     return {**given, **rolling, **level}
+
+
+def fastest_rate(P: VehicleParameters) -> SX:
+    """The fastest decay [1/s] that the equations can have, about: of a wheel's spin, or of side-slip, both at rest.
+
+    Faster than either is nothing with sensible parameters: at rest the slips' speed of reference is v_slip/2.
+    """
+    spin = P.R_w**2 * P.C_x / P.I_w
+    side_slip = 2 * (P.C_f + P.C_r) * (1 + P.cornering_variation) / P.M
+    return ca.fmax(spin, side_slip) * 2 / P.v_slip

@@ -279,13 +279,26 @@ bool core_get_integer(const Instance *instance, const Rule *rule, unsigned int r
     return true;
 }
 
-/* Refuses a value that no solver works with; `setting` counts as settings_start does. */
-static bool in_range(const Instance *instance, const Rule *rule, unsigned int reference, int setting, double value) {
-    const double minimum = instance->model->settings_minimum[setting], maximum = instance->model->settings_maximum[setting];
-
+/* Refuses a value outside its limits. */
+static bool in_range(const Instance *instance, const Rule *rule, unsigned int reference, double value, double minimum,
+                     double maximum) {
     if (value >= minimum && value <= maximum) return true;
     return core_refuse(instance, rule, "value reference %u cannot be set to %g; allowed: %g to %g.", reference, value, minimum,
                        maximum);
+}
+
+/* The same for a setting of the solver, which counts as settings_start does. */
+static bool setting_in_range(const Instance *instance, const Rule *rule, unsigned int reference, int setting, double value) {
+    return in_range(instance, rule, reference, value, instance->model->settings_minimum[setting],
+                    instance->model->settings_maximum[setting]);
+}
+
+/* The same for a parameter of the model. Inputs may leave their limits, as an importer's solver may try such values. */
+static bool parameter_in_range(const Instance *instance, const Rule *rule, unsigned int reference, double value) {
+    const size_t i = reference - n_unknowns(instance->model) - instance->model->n_inputs;
+
+    return in_range(instance, rule, reference, value, instance->model->parameters_minimum[i],
+                    instance->model->parameters_maximum[i]);
 }
 
 /* Where a real variable's value is set, or NULL where it cannot be set to this, which is logged. */
@@ -307,10 +320,10 @@ static double *settable(Instance *instance, const Rule *rule, unsigned int refer
     } else if (!isfinite(value)) {
         core_refuse(instance, rule, "value reference %u cannot be set to %g, which is not finite.", reference, value);
     } else if (reference == of_core + SOLVER_STEP) {
-        if (in_range(instance, rule, reference, 0, value)) place = &instance->status.solver.step;
+        if (setting_in_range(instance, rule, reference, 0, value)) place = &instance->status.solver.step;
     } else if (reference == of_core + SOLVER_TOLERANCE) {
-        if (in_range(instance, rule, reference, 1, value)) place = &instance->status.solver.tolerance;
-    } else {
+        if (setting_in_range(instance, rule, reference, 1, value)) place = &instance->status.solver.tolerance;
+    } else if (reference < first + model->n_inputs || parameter_in_range(instance, rule, reference, value)) {
         place = instance->u + (reference - first);
     }
     return place;
@@ -333,7 +346,7 @@ bool core_can_set_integer(const Instance *instance, const Rule *rule, unsigned i
     if (!(instance->status.phase & (INSTANTIATED | INITIALIZATION))) {
         return core_refuse(instance, rule, "value reference %u is a parameter that cannot be changed now.", reference);
     }
-    return in_range(instance, rule, reference, 2, value);
+    return setting_in_range(instance, rule, reference, 2, value);
 }
 
 void core_set_integer(Instance *instance, unsigned int reference, int value) {
@@ -514,14 +527,19 @@ bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned 
 static double advance(Instance *instance, double remaining) {
     Status *status = &instance->status;
     const SolverMethod method = status->solver.method;
+    SolverSettings settings = status->solver;
     double length;
 
     derivatives(instance);
     if (method == RUNGE_KUTTA_4) {
-        length = solver_fixed_step(instance->model, &status->solver, remaining, instance->x, instance->dx, instance->u,
-                                   instance->p, instance->work);
+        double rate;
+
+        /* Beyond this the method is unstable where the model is fastest, and nothing else would show it. */
+        instance->model->fastest(instance->p, &rate);
+        settings.step = fmin(settings.step, SOLVER_STABLE / rate);
+        length = solver_fixed_step(instance->model, &settings, remaining, instance->x, instance->dx, instance->u, instance->p,
+                                   instance->work);
     } else {
-        SolverSettings settings = status->solver;
         settings.tolerance = fmax(fmin(settings.tolerance, status->experiment_tolerance), LEAST_TOLERANCE);
         length = solver_adaptive_step(instance->model, &settings, remaining, &status->step_proposal, instance->x, instance->dx,
                                       instance->u, instance->p, instance->work);

@@ -2,7 +2,7 @@
  *
  * The faces (fmi2.c, fmi3.c) translate the standard's functions into these; which call is allowed in which phase is in
  * their tables, as it differs between versions. A function that takes such a rule returns false where it is not allowed
- * now or refuses its arguments; it has then changed nothing and logged the reason. All of them refuse a missing instance
+ * now or refuses its arguments; it has then logged the reason and left the instance as it was. All of them refuse a missing instance
  * (there is no log then) and missing arrays. Instances share nothing, so they may live in different threads.
  *
  * Value references count through the model's variables (model.h) and then the core's own: time, solver_step,
@@ -107,7 +107,8 @@ bool core_enter(Instance *instance, const Rule *rule, Phase exchange, Phase simu
 bool core_get(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, double *values);
 
 /* Sets n inputs or parameters: all of them or, where one is refused, none. Refused for value references of no such
- * variable, for one that cannot be set (now or ever), and for a value that is not finite or that no solver works with. */
+ * variable, for one that cannot be set (now or ever), for a value that is not finite, and for a parameter's outside its
+ * limits. */
 bool core_set(Instance *instance, const Rule *rule, const unsigned int *references, size_t n, const double *values);
 
 /* The same for the integer ones, each by itself and after core_has_arrays. */

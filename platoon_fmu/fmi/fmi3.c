@@ -108,6 +108,12 @@ static Instance *instantiate(const Rule *rule, Kind kind, fmi3String name, fmi3S
     return instance;
 }
 
+static void release(Instance *instance) {
+    if (!instance) return;
+    free(instance->host);
+    core_free(instance);
+}
+
 fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String instantiationToken, fmi3String resourcePath,
                                           fmi3Boolean visible, fmi3Boolean loggingOn,
                                           fmi3InstanceEnvironment instanceEnvironment, fmi3LogMessageCallback logMessage) {
@@ -151,7 +157,8 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
         }
         if (i == nRequiredIntermediateVariables) return instance;
     }
-    fmi3FreeInstance(instance);
+    /* Not by the standard's function: another library's of that name might be called. */
+    release(instance);
     return NULL;
 }
 
@@ -175,13 +182,7 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3Stri
     return NULL;
 }
 
-void fmi3FreeInstance(fmi3Instance i) {
-    Instance *instance = i;
-
-    if (!instance) return;
-    free(instance->host);
-    core_free(instance);
-}
+void fmi3FreeInstance(fmi3Instance i) { release(i); }
 
 fmi3Status fmi3SetDebugLogging(fmi3Instance i, fmi3Boolean loggingOn, size_t nCategories, const fmi3String categories[]) {
     Instance *instance = i;

@@ -3,7 +3,7 @@
  * A model is a smooth, autonomous ODE: dx/dt = f(x, u, p), y = g(x, u, p), x(0) = x0(p). Its variables are reals whose
  * value references count through states x, their derivatives, outputs y that are no states, inputs u and parameters p;
  * of the parameters, the first n_tunable may be changed while simulating, the rest only before.
- * build.py writes the only definition of `platoon_model`.
+ * codegen.py writes the only definition of `platoon_model`.
  */
 #ifndef PLATOON_MODEL_H
 #define PLATOON_MODEL_H
@@ -24,11 +24,13 @@ typedef struct {
     const double *nominals;         /* of the states */
     const double *inputs_start;     /* start values of u */
     const double *parameters_start; /* start values of p */
+    const double *parameters_minimum, *parameters_maximum;
     /* Of solver_step [s], solver_tolerance and solver, in this order. */
     const double *settings_start, *settings_minimum, *settings_maximum;
     void (*initial)(const double *p, double *x);
     void (*derivatives)(const double *x, const double *u, const double *p, double *dx);
     void (*outputs)(const double *x, const double *u, const double *p, double *y);
+    void (*fastest)(const double *p, double *rate); /* the fastest decay there can be [1/s] */
     Jacobian running;   /* columns: states and inputs */
     Jacobian beginning; /* columns: inputs and parameters, which the states at the start follow */
 } Model;

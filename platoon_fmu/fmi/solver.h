@@ -16,6 +16,9 @@ typedef struct {
 /* Doubles of work space that both need. */
 #define SOLVER_WORK(n_states) (7 * (n_states))
 
+/* How much of a decay's time constant a step of the method of order 4 may be: its limit of stability is 2.785. */
+#define SOLVER_STABLE 2.5
+
 /* The classical Runge-Kutta method of order 4: from x, where the derivatives are dx, by `remaining` seconds in steps of
  * equal length not above settings->step. Does the first of them and returns its length. */
 double solver_fixed_step(const Model *model, const SolverSettings *settings, double remaining, double *x, const double *dx,
