@@ -349,9 +349,7 @@ bool core_can_set_integer(const Instance *instance, const Rule *rule, unsigned i
     return setting_in_range(instance, rule, reference, 2, value);
 }
 
-void core_set_integer(Instance *instance, unsigned int reference, int value) {
-    if (reference == first_of_core(instance->model) + SOLVER) instance->status.solver.method = (SolverMethod)value;
-}
+void core_set_integer(Instance *instance, int value) { instance->status.solver.method = (SolverMethod)value; }
 
 static bool all_finite(const double *x, size_t n) {
     size_t i;
@@ -523,30 +521,33 @@ bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned 
 
 /* ---- steps ---- */
 
+/* The solver's settings for a step: those of the parameters, within what the model and the experiment ask for. */
+static SolverSettings settings_of_step(const Instance *instance) {
+    SolverSettings settings = instance->status.solver;
+    double rate;
+
+    /* Beyond this the fixed-step method is unstable where the model is fastest, and nothing else would show it. */
+    instance->model->fastest(instance->p, &rate);
+    settings.step = fmin(settings.step, SOLVER_STABLE / rate);
+    settings.tolerance = fmax(fmin(settings.tolerance, instance->status.experiment_tolerance), LEAST_TOLERANCE);
+    return settings;
+}
+
 /* One step of the solver; its length, or 0 where it could do none. */
-static double advance(Instance *instance, double remaining) {
-    Status *status = &instance->status;
-    const SolverMethod method = status->solver.method;
-    SolverSettings settings = status->solver;
+static double advance(Instance *instance, const SolverSettings *settings, double remaining) {
     double length;
 
     derivatives(instance);
-    if (method == RUNGE_KUTTA_4) {
-        double rate;
-
-        /* Beyond this the method is unstable where the model is fastest, and nothing else would show it. */
-        instance->model->fastest(instance->p, &rate);
-        settings.step = fmin(settings.step, SOLVER_STABLE / rate);
-        length = solver_fixed_step(instance->model, &settings, remaining, instance->x, instance->dx, instance->u, instance->p,
+    if (settings->method == RUNGE_KUTTA_4) {
+        length = solver_fixed_step(instance->model, settings, remaining, instance->x, instance->dx, instance->u, instance->p,
                                    instance->work);
     } else {
-        settings.tolerance = fmax(fmin(settings.tolerance, status->experiment_tolerance), LEAST_TOLERANCE);
-        length = solver_adaptive_step(instance->model, &settings, remaining, &status->step_proposal, instance->x, instance->dx,
-                                      instance->u, instance->p, instance->work);
+        length = solver_adaptive_step(instance->model, settings, remaining, &instance->status.step_proposal, instance->x,
+                                      instance->dx, instance->u, instance->p, instance->work);
     }
     outdate(instance);
     /* The adaptive method has left the derivatives at the new states. */
-    instance->dx_current = method == DORMAND_PRINCE_5;
+    instance->dx_current = settings->method == DORMAND_PRINCE_5;
     return length;
 }
 
@@ -564,6 +565,7 @@ static bool is_after(double time, double other, double h) {
 bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step) {
     /* What is done and what is to be done count from the beginning of the step: the same at any time. */
     double done = 0, wanted = h, end = time + h;
+    SolverSettings settings;
     Status *status;
 
     if (!core_allows(instance, rule)) return false;
@@ -580,9 +582,10 @@ bool core_step(Instance *instance, const Rule *rule, double time, double h, Afte
         return core_refuse(instance, rule, "a step to %.17g s would pass the stop time %.17g s.", end, status->stop_time);
     }
     status->time = time;
+    settings = settings_of_step(instance);
     while (done < wanted) {
         const double remaining = wanted - done;
-        const double length = advance(instance, remaining);
+        const double length = advance(instance, &settings, remaining);
 
         if (length == 0) return fail(instance, rule, time, "no step of the adaptive solver is short enough for the tolerance");
         if (!all_finite(instance->x, instance->model->n_states)) return fail(instance, rule, time, "a state is not finite");

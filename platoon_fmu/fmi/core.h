@@ -114,7 +114,7 @@ bool core_set(Instance *instance, const Rule *rule, const unsigned int *referenc
 /* The same for the integer ones, each by itself and after core_has_arrays. */
 bool core_get_integer(const Instance *instance, const Rule *rule, unsigned int reference, int *value);
 bool core_can_set_integer(const Instance *instance, const Rule *rule, unsigned int reference, double value);
-void core_set_integer(Instance *instance, unsigned int reference, int value);
+void core_set_integer(Instance *instance, int value); /* there is only one, which core_can_set_integer has let through */
 
 /* Whether n is 0, of what the model has none of (a type of variable, event indicators). */
 bool core_has_none(const Instance *instance, const Rule *rule, size_t n);

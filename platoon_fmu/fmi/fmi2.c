@@ -171,7 +171,7 @@ fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
     for (i = 0; i < nvr; i++) {
         if (!core_can_set_integer(c, &SET_INTEGER, vr[i], value[i])) return fmi2Error;
     }
-    for (i = 0; i < nvr; i++) core_set_integer(c, vr[i], value[i]);
+    for (i = 0; i < nvr; i++) core_set_integer(c, value[i]);
     return fmi2OK;
 }
 

@@ -244,7 +244,7 @@ fmi3Status fmi3SetInt64(fmi3Instance i, const fmi3ValueReference valueReferences
     for (k = 0; k < nValues; k++) {
         if (!core_can_set_integer(i, &SET_INT64, valueReferences[k], (double)values[k])) return fmi3Error;
     }
-    for (k = 0; k < nValues; k++) core_set_integer(i, valueReferences[k], (int)values[k]);
+    for (k = 0; k < nValues; k++) core_set_integer(i, (int)values[k]);
     return fmi3OK;
 }
 
