@@ -13,7 +13,7 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import tomli_w
 from pydantic import BaseModel, Field, ValidationError, model_validator, with_config
@@ -22,6 +22,7 @@ from pydantic_core import PydanticCustomError
 from bench.bus.topic import CYCLE_MS
 from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
 from bench.errors import BadInput
+from bench.faults import Fault
 from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constant
 from bench.scenario_errors import Source, closest, explain
 from bench.scenario_overrides import put
@@ -121,7 +122,12 @@ _refuse_unknown_keys(TrackerSettings)
 
 
 class Scenario(BaseModel):
-    """One run, complete: the same scenario gives the same frames."""
+    """One run, complete: the same scenario gives the same frames.
+
+    Attributes:
+        buses: where the buses are, by name (`v2v`, `veh1` ...) or `all`, as after `--can`, which takes precedence.
+        on_ecu_failure: what becomes of a run in which an ECU ends or falls silent that no fault has told to.
+    """
 
     model_config = STRICT
 
@@ -134,6 +140,9 @@ class Scenario(BaseModel):
     road: Road = Road()
     planner: PlannerSettings = PlannerSettings()
     tracker: TrackerSettings = TrackerSettings()
+    faults: tuple[Fault, ...] = ()
+    on_ecu_failure: Literal["end", "continue"] = "end"
+    buses: dict[str, str] = {}
 
     @property
     def cycles(self) -> int:
@@ -152,7 +161,13 @@ class Scenario(BaseModel):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        problems = [*self._duration_problems(), *self._place_problems(), *self._planner_problems()]
+        problems = [
+            *self._duration_problems(),
+            *self._place_problems(),
+            *self._planner_problems(),
+            *self._fault_problems(),
+            *self._bus_problems(),
+        ]
         if problems:
             raise PydanticCustomError("together", "values that do not fit together", {"problems": problems})
         return self
@@ -174,6 +189,37 @@ class Scenario(BaseModel):
                 )
                 problems.append((("vehicles", j), text))
         return problems
+
+    def _fault_problems(self) -> list[Problem]:
+        """Return what is wrong with the targets of faults."""
+        if not self.faults:
+            return []
+        # Only faults need the DBC files, which take a while to read.
+        from bench.bus.fault_targets import target_problems
+
+        return [
+            (("faults", index, *key), text)
+            for index, fault in enumerate(self.faults)
+            for key, text in target_problems(fault, len(self.vehicles))
+        ]
+
+    @property
+    def bus_texts(self) -> list[str]:
+        """The places of the buses as they are typed after `--can`."""
+        return [place if bus == "all" else f"{bus}={place}" for bus, place in self.buses.items()]
+
+    def _bus_problems(self) -> list[Problem]:
+        """Return what is wrong with the places of the buses."""
+        if not self.buses:
+            return []
+        # Only places need python-can, which takes a while to import.
+        from bench.bus.address import Address
+
+        try:
+            Address.parse(*self.bus_texts)
+        except BadInput as error:
+            return [(("buses",), f"cannot be used: {str(error).removeprefix('--can ')}")]
+        return []
 
     def _planner_problems(self) -> list[Problem]:
         """Return what the planner would refuse, by the planner's own rules."""

@@ -10,9 +10,11 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from bench.faults import kinds
+
 Path = tuple[str | int, ...]
 
-_TAGS = ("constant", "step", "sine")
+_TAGS = ("constant", "step", "sine", *kinds())
 _KEY = re.compile(r"^\s*([\w\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=\s*(.*)$")
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w\"'. -]+?)\s*\]\]?\s*(?:#.*)?$")
 
@@ -202,6 +204,8 @@ def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str,
 
 def _allowed(node: Mapping[str, Any]) -> str:
     """Return what a JSON schema allows, in words."""
+    if "discriminator" in node and "range" not in node:
+        return f"one of {', '.join(node['discriminator']['mapping'])}"
     if "discriminator" in node:
         low, high = node.get("range", ("-inf", "inf"))
         return f'a number from {low} to {high}, or a table {{kind = "step", ...}} or {{kind = "sine", ...}}'

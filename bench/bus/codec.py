@@ -16,7 +16,14 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
+from bench.bus.topic import CYCLE_MS
 from bench.errors import BadInput, BenchError
+
+DEFAULT_BIT_RATE = 500_000
+"""Bits per second of a bus whose DBC does not tell."""
+
+DEFAULT_TIMEOUT_CYCLES = 10
+"""Periods without a good frame after which a message is lost whose DBC does not tell."""
 
 MAX_VEHICLES = 16
 """Vehicles that dbc/v2v.dbc has messages for."""
@@ -200,6 +207,36 @@ class Codec:
         """
         layout = self._layout_of(name)
         return {field.signal: field.start for field in (*layout.encoded, *layout.encoded_floats)}
+
+    @property
+    def bit_rate(self) -> int:
+        """Bits per second of the bus: the DBC's attribute Baudrate."""
+        attributes = self.database.dbc.attributes if self.database.dbc else {}
+        return int(attributes["Baudrate"].value) if "Baudrate" in attributes else DEFAULT_BIT_RATE
+
+    @property
+    def can_ids(self) -> tuple[int, ...]:
+        """The identifiers of all messages, highest priority first."""
+        return tuple(self._by_id)
+
+    def period(self, name: str) -> int:
+        """Return in every how many cycles of the bench the message `name` is sent: 1 also where it has no cycle time.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        return max(1, round((self.message(name).cycle_time or 0) / CYCLE_MS))
+
+    def timeout_cycles(self, name: str) -> int:
+        """Return after how many cycles without a good frame the message `name` is lost.
+
+        The DBC's attribute GenMsgTimeoutTime; where it has none, `DEFAULT_TIMEOUT_CYCLES` times its period.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        timeout_ms = float(_attribute(self.message(name), "GenMsgTimeoutTime", 0))
+        return round(timeout_ms / CYCLE_MS) or DEFAULT_TIMEOUT_CYCLES * self.period(name)
 
     def can_id(self, name: str) -> int:
         """Return the identifier of the message `name`.

@@ -3,20 +3,36 @@
 Frames of one cycle come over several buses in any order; a peer's frame may be here before this node's own BenchSync.
 So what a frame carries tells its cycle, not when it came: BenchSync has the number itself, every other input its alive
 counter, which is the cycle modulo 15.
+
+In virtual time a frame that does not come is announced by `BenchAbsent`; a node that finds its own frames announced was
+dead or stopped for that cycle, and leaves it out. On the wall clock nobody is waited for longer than a node can afford.
 """
 
-from collections.abc import Iterable, Mapping
+import math
+import time
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status
-from bench.bus.topic import Health, Signals, Topic
+from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
+from bench.bus.fault_plan import FaultPlan
+from bench.bus.outbox import BENCH_ABSENT, is_off
+from bench.bus.reception import Health, Reception, ReceptionState
+from bench.bus.topic import CYCLE_MS, Signals, Topic
 from bench.errors import BadInput
 
 BENCH_SYNC = "BenchSync"
 STOP = 0
 RUN = 1
+RUN_REALTIME = 2
+
+_REFUSED = {
+    Status.REPEATED: ReceptionState.REPEATED,
+    Status.WRONG_SEQUENCE: ReceptionState.WRONG_SEQUENCE,
+    Status.ERROR: ReceptionState.ERROR,
+}
+_FRESH = Reception(ReceptionState.OK, 0)
 
 
 @dataclass(slots=True)
@@ -26,16 +42,59 @@ class _Slot:
     Attributes:
         topic: what this input is.
         receiver: checks its CRC and counter.
+        length: bytes of its frames.
         delay: cycles between its sending and the step it takes part in.
+        timeout: cycles without a good frame after which it is lost.
         last: newest step a frame has come for.
-        waiting: signals by step; None where what came must not be used.
+        waiting: signals by step; None where what came must not be used, or will not come.
+        refused: why the newest frame was refused since the last step, None where none was.
+        reception: how it is received.
     """
 
     topic: Topic
     receiver: Receiver
+    length: int
     delay: int
+    timeout: int
     last: int | None = None
     waiting: dict[int, Signals | None] = field(default_factory=dict)
+    refused: ReceptionState | None = None
+    reception: Reception = field(default_factory=Reception)
+
+    def receive(self, values: Signals | None) -> None:
+        """Bring the reception up to a step that got `values`."""
+        if values is not None:
+            self.reception = _FRESH
+        else:
+            age = self.reception.age + 1
+            before = self.reception.state is ReceptionState.INIT and self.refused is None
+            state = ReceptionState.INIT if before else self.refused or ReceptionState.MISSING
+            self.reception = Reception(ReceptionState.LOST if age >= self.timeout else state, age)
+        self.refused = None
+
+
+@dataclass(slots=True)
+class _Bus:
+    """One of the node's buses.
+
+    Attributes:
+        link: its end there.
+        codec: the bus's codec.
+        slots: the inputs that come over it, by identifier.
+        own: identifiers of what the node itself sends there.
+        opened: the newest cycle a BenchSync has come for on this bus.
+        errors: frames refused so far.
+        errors_before: the same up to the newest BenchSync of this bus, so that the count in a step does not depend on
+            how soon a frame was read.
+    """
+
+    link: Link
+    codec: Codec
+    slots: dict[int, _Slot]
+    own: frozenset[int]
+    opened: int = -1
+    errors: int = 0
+    errors_before: int = 0
 
 
 class Inbox:
@@ -45,10 +104,31 @@ class Inbox:
         cycle: the cycle whose inputs are being collected, the next to be stepped.
         opened: the newest cycle a BenchSync has come for; -1 before the first.
         stopped: whether a BenchSync has told this node to stop.
+        opened_at: time.monotonic() when that BenchSync came, as far as this node can tell: the wall clock's cycles are
+            all equally long, and it may have been busy when this one came, but not always.
+        realtime: whether the wall clock paces the cycles.
+        late: cycles left out in real time, as a newer one had begun before they were stepped.
     """
 
-    def __init__(self, links: Mapping[str, Link], codecs: Mapping[str, Codec], topics: Iterable[Topic]) -> None:
+    def __init__(
+        self,
+        links: Mapping[str, Link],
+        codecs: Mapping[str, Codec],
+        topics: Iterable[Topic],
+        *,
+        name: str = "",
+        own: Collection[Topic] = (),
+        plan: FaultPlan | None = None,
+    ) -> None:
         """Listen on `links` (by bus name) for `topics` and for each bus's BenchSync.
+
+        Args:
+            links: the node's ends of its buses.
+            codecs: codec of every bus.
+            topics: its inputs.
+            name: of the node, as faults call it: veh1.tracker.
+            own: what the node itself sends.
+            plan: the faults of the run.
 
         Raises:
             BadInput: a topic's bus or message does not exist, or the message carries no alive counter.
@@ -56,13 +136,27 @@ class Inbox:
         self.cycle = 0
         self.opened = -1
         self.stopped = False
-        self._e2e_errors = 0
+        self.opened_at = 0.0
+        self._zero_at = math.inf
+        self.realtime = False
+        self.late = 0
+        self._name = name
+        self._plan = plan or FaultPlan()
         self._arrived: dict[int, int] = {}
+        self._excused: set[int] = set()
         self._topics = tuple(topics)
-        self._links = tuple((link, codecs[bus], self._slots_of(bus, codecs[bus])) for bus, link in links.items())
-        for link, _, slots in self._links:
-            link.select(slots)
-        self._slots = tuple(slot for _, _, slots in self._links for slot in slots.values())
+        self._buses = tuple(
+            _Bus(
+                link,
+                codecs[bus],
+                self._slots_of(bus, codecs[bus]),
+                frozenset(codecs[bus].can_id(topic.message) for topic in own if topic.bus == bus),
+            )
+            for bus, link in links.items()
+        )
+        for bus in self._buses:
+            bus.link.select([*bus.slots, bus.codec.can_id(BENCH_ABSENT)])
+        self._slots = tuple(slot for bus in self._buses for slot in bus.slots.values())
         self._inputs = tuple(slot for slot in self._slots if slot.topic.message != BENCH_SYNC)
         for topic in self._topics:
             if topic.bus not in links:
@@ -81,76 +175,144 @@ class Inbox:
                     "only messages with an E2EDataId can be inputs"
                 )
             delay = 0 if topic.message == BENCH_SYNC else topic.delay
-            slots[can_id] = _Slot(topic, codec.receiver(can_id), delay)
+            slots[can_id] = _Slot(
+                topic,
+                codec.receiver(can_id),
+                codec.message(topic.message).length,
+                delay,
+                codec.timeout_cycles(topic.message),
+            )
         return slots
 
     @property
     def health(self) -> Health:
-        """Frames lost and E2E errors up to now."""
-        return Health(sum(link.frames_lost() for link, _, _ in self._links), self._e2e_errors)
+        """What is known of the buses, as of the newest step."""
+        lost = sum(bus.link.frames_lost() for bus in self._buses)
+        errors = sum(bus.errors_before for bus in self._buses)
+        return Health(lost, errors, self.late, {slot.topic: slot.reception for slot in self._inputs})
 
     @property
     def complete(self) -> bool:
-        """Whether every input of `cycle` is here.
+        """Whether every input of `cycle` is here or known not to come.
 
         A newer BenchSync does not end the wait: on a busy machine it may be here before a frame that was sent before
         it, and in lockstep nobody sends it unless all frames have been sent.
         """
         return self._arrived.get(self.cycle, 0) == len(self._slots)
 
+    @property
+    def excused(self) -> bool:
+        """Whether the others have gone on without this node in `cycle`, as it was dead or stopped."""
+        return self.cycle in self._excused
+
     def drain(self) -> bool:
         """Take in what has arrived; whether there was anything."""
         arrived = False
-        for link, codec, slots in self._links:
-            for can_id, data in link.receive():
+        for bus in self._buses:
+            for can_id, data in bus.link.receive():
                 arrived = True
-                slot = slots.get(can_id)
+                slot = bus.slots.get(can_id)
                 if slot is not None:
-                    self._sort(slot, codec, can_id, data)
+                    self._sort(bus, slot, can_id, data)
+                elif can_id == bus.codec.can_id(BENCH_ABSENT):
+                    self._note_absent(bus, can_id, data)
         return arrived
 
     def take(self) -> dict[Topic, Signals | None]:
         """The inputs of `cycle`, None for each that is missing or damaged; turns to the next cycle."""
-        inputs = {slot.topic: slot.waiting.get(self.cycle) for slot in self._inputs}
+        self._plan.refresh()
+        faults = self._plan.at(self.cycle)
+        off = {bus.link.name for bus in self._buses if is_off(self._name, bus.link.name, faults)} if faults else ()
+        inputs: dict[Topic, Signals | None] = {}
         for slot in self._inputs:
-            if inputs[slot.topic] is None:
+            if self.cycle not in slot.waiting:
                 slot.receiver.missed()
+            values = slot.waiting.get(self.cycle) if slot.topic.bus not in off else None
+            inputs[slot.topic] = values
+            slot.receive(values)
+        self._forget()
+        return inputs
+
+    def catch_up(self) -> None:
+        """In real time: leave out the cycles that are over, so that no queue of late ones builds up."""
+        while self.realtime and self.cycle < self.opened:
+            self.late += 1
+            self.skip()
+
+    def skip(self) -> None:
+        """Leave out `cycle`: the others went on without this node."""
+        for slot in self._inputs:
+            if self.cycle not in slot.waiting:
+                slot.receiver.missed()
+            slot.receive(slot.waiting.get(self.cycle))
+        self._forget()
+
+    def _forget(self) -> None:
         self._arrived.pop(self.cycle, None)
+        self._excused.discard(self.cycle)
         for slot in self._slots:
             slot.waiting.pop(self.cycle, None)
         self.cycle += 1
-        return inputs
 
-    def _sort(self, slot: _Slot, codec: Codec, can_id: int, data: bytes) -> None:
-        status = slot.receiver.check(data)
+    def _sort(self, bus: _Bus, slot: _Slot, can_id: int, data: bytes) -> None:
+        status = slot.receiver.check(data if len(data) == slot.length else b"")
         if status is not Status.OK:
-            self._e2e_errors += 1
-        if status is Status.REPEATED:
+            bus.errors += 1
+            slot.refused = _REFUSED[status]
+        if status is Status.ERROR or (status is Status.REPEATED and slot.topic.message == BENCH_SYNC):
+            # The frame that is due may still come; in virtual time it is announced where it does not.
             return
-        if status is Status.ERROR:
-            # Its counter cannot be trusted: it stands for the frame that was due next.
-            self._put(slot, self.cycle if slot.last is None else slot.last + 1, None)
-            return
-        values = codec.decode(can_id, data)[1]
+        values = bus.codec.decode(can_id, data)[1]
         if slot.topic.message == BENCH_SYNC:
             if values["Command"] == STOP:
                 self.stopped = True
                 return
+            bus.errors_before = bus.errors
+            self.realtime = values["Command"] == RUN_REALTIME
+            bus.opened = max(bus.opened, int(values["Cycle"]))
             self._open(int(values["Cycle"]))
             self._put(slot, int(values["Cycle"]), values)
-        else:
-            step = self._nearest(data[1] & 0x0F) + slot.delay
-            self._put(slot, step, values if status is Status.OK else None)
+            return
+        step = self._cycle_of(bus, data[1] & 0x0F) + slot.delay
+        if status is Status.OK and step < self.cycle:
+            # In sequence, but late by whole cycles.
+            bus.errors += 1
+            slot.refused = ReceptionState.WRONG_SEQUENCE
+        self._put(slot, step, values if status is Status.OK else None)
 
-    def _nearest(self, counter: int) -> int:
-        """The cycle with this alive counter that is nearest to the newest one opened."""
-        now = max(self.opened, 0)
-        half = COUNTER_MODULUS // 2
-        return now + (counter - now + half) % COUNTER_MODULUS - half
+    def _note_absent(self, bus: _Bus, can_id: int, data: bytes) -> None:
+        if len(data) != 8 or not check(data, bus.codec.data_id(BENCH_ABSENT)):
+            bus.errors += 1
+            return
+        values = bus.codec.decode(can_id, data)[1]
+        identifier, cycle = int(values["Identifier"]), int(values["Cycle"])
+        if identifier in bus.own:
+            self._excused.add(cycle)
+        slot = bus.slots.get(identifier)
+        if slot is not None:
+            step = cycle + slot.delay
+            slot.last = step if slot.last is None else max(slot.last, step)
+            # Here and not when the step is taken, which may be before or after the sender's next frame comes.
+            slot.receiver.missed()
+            if step >= self.cycle and step not in slot.waiting:
+                self._fill(slot, step, None)
+
+    def _cycle_of(self, bus: _Bus, counter: int) -> int:
+        """The newest cycle with this alive counter that a frame can be of.
+
+        It may be here before the BenchSync of its own cycle, but not earlier than that. The BenchSync counts that came
+        over the frame's own bus, as a node that was stopped reads what has queued up bus by bus. A frame that is late
+        by 14 cycles is taken for one of the next cycle: more the counter of the profile does not tell.
+        """
+        newest = 1 + (bus.opened if bus.opened >= 0 else max(self.opened, 0))
+        return newest - (newest - counter) % COUNTER_MODULUS
 
     def _open(self, cycle: int) -> None:
         first = self.opened < 0
-        self.opened = max(self.opened, cycle)
+        if cycle > self.opened:
+            self.opened = cycle
+            self._zero_at = min(self._zero_at, time.monotonic() - cycle * CYCLE_MS / 1000)
+            self.opened_at = self._zero_at + cycle * CYCLE_MS / 1000
         if not first:
             return
         if cycle != self.cycle:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
+from bench.bus.fault_plan import FaultBoard
 from bench.bus.topic import Topic
 
 _HEAD = struct.Struct("<BxH")
@@ -49,10 +50,16 @@ class Ties:
     Attributes:
         lifeline: readable once the conductor is gone.
         reports: writing end of the pipe for reports.
+        board: file descriptor of the fault board; -1 where there is none.
     """
 
     lifeline: int
     reports: int
+    board: int = -1
+
+    def fault_board(self) -> FaultBoard | None:
+        """Return the board that the conductor posts faults on."""
+        return FaultBoard(self.board) if self.board >= 0 else None
 
     def ready(self, name: str, inputs: Sequence[Topic]) -> None:
         """Report that the process `name` listens on its buses for `inputs`."""

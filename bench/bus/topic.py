@@ -48,16 +48,3 @@ class Outgoing:
     bus: str
     message: str
     values: Signals
-
-
-@dataclass(frozen=True, slots=True)
-class Health:
-    """What a node knows about its buses since it started.
-
-    Attributes:
-        frames_lost: frames that the kernel dropped before this node could read them.
-        e2e_errors: received frames with a wrong CRC or an alive counter out of sequence.
-    """
-
-    frames_lost: int = 0
-    e2e_errors: int = 0

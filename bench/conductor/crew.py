@@ -19,18 +19,34 @@ from bench.bus.base import Link
 from bench.bus.ties import Kind, ReportReader, Truth, read_truth
 from bench.bus.topic import Topic
 from bench.conductor.interrupts import Interrupts
+from bench.conductor.linux import enlarge_pipe
 from bench.conductor.nursery import Brood, Child
 from bench.errors import RunFailed
 
 LAST_WORDS_BYTES = 8192
 """What is kept of the end of a process's standard error."""
 
+KILL_S = 5.0
+"""Wall-clock time in s within which the end of a killed process is reported."""
+
+RESTART_S = 60.0
+"""Wall-clock time in s that an ECU may take to start anew."""
+
 _NURSERY = "nursery"
 _THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class Ended(RunFailed):
-    """A process ended that should have gone on."""
+    """A process ended that should have gone on.
+
+    Attributes:
+        names: the processes; empty where it is not known which.
+    """
+
+    def __init__(self, text: str, names: Sequence[str] = ()) -> None:
+        """Say what happened, and to which processes."""
+        super().__init__(text)
+        self.names = tuple(names)
 
 
 class Listener(Protocol):
@@ -53,6 +69,10 @@ class Crew(Protocol):
     def inputs(self) -> Mapping[str, Sequence[Topic]]:
         """What each process takes, by its name."""
 
+    @property
+    def pids(self) -> Mapping[str, int]:
+        """Process numbers of those that are processes of their own and alive, by name."""
+
     def wait_ready(self, timeout_s: float) -> None:
         """Wait until all listen on their buses.
 
@@ -68,6 +88,26 @@ class Crew(Protocol):
             RunFailed: one of them ended or failed.
             Interrupted: a signal has come.
         """
+
+    def kill(self, name: str) -> None:
+        """Kill an ECU, as a fault has it; from here on its end is no failure."""
+
+    def restart(self, name: str) -> None:
+        """Start an ECU anew that has been killed, and wait until it listens on its buses.
+
+        Raises:
+            RunFailed: it ended, or is not ready in time.
+            Interrupted: a signal has come.
+        """
+
+    def pause(self, name: str) -> None:
+        """Stop an ECU where it is; it does nothing more, and does not know."""
+
+    def resume(self, name: str) -> None:
+        """Let an ECU go on that was stopped."""
+
+    def excuse(self, name: str) -> None:
+        """Do not fail because of what this ECU does or does not do from here on."""
 
     def stop(self, grace_s: float) -> list[str]:
         """See to the end of all of them, who have been told to stop; kill those that have not after `grace_s` s.
@@ -85,12 +125,14 @@ class Member:
         target: `module:function` to run in it, see `Child`.
         arguments: for the function, besides the `Ties`.
         early: whether it is started before what the others share is imported.
+        on_call: whether it is started only by `Crew.restart`.
     """
 
     name: str
     target: str
     arguments: tuple[object, ...]
     early: bool = False
+    on_call: bool = False
 
 
 @dataclass
@@ -102,6 +144,7 @@ class _Process:
     pid: int | None = None
     ready: bool = False
     code: int | None = None
+    excused: bool = False
 
 
 class ProcessCrew:
@@ -117,6 +160,7 @@ class ProcessCrew:
         links: Mapping[str, Link],
         listener: Listener,
         interrupts: Interrupts,
+        board: int,
     ) -> None:
         """Start the processes; `wait_ready` waits for them.
 
@@ -126,6 +170,7 @@ class ProcessCrew:
             links: the conductor's links, whose frames go to `listener`.
             listener: takes what comes.
             interrupts: ends the waiting.
+            board: file descriptor of the fault board.
         """
         self._inputs: dict[str, Sequence[Topic]] = {}
         self._links = links
@@ -134,16 +179,25 @@ class ProcessCrew:
         self._interrupts = interrupts
         self._reader = ReportReader()
         self._reports, reports = os.pipe()
+        orders, self._orders = os.pipe()
         os.set_blocking(self._reports, False)
+        enlarge_pipe(self._reports)
         self._reports_open = True
         self._processes: dict[str, _Process] = {}
         self._selector = selectors.DefaultSelector()
         stderrs = {name: self._watch_words(name) for name in (_NURSERY, *(member.name for member in members))}
-        children = tuple(Child(m.name, m.target, pickle.dumps(m.arguments), stderrs[m.name], m.early) for m in members)
+        children = tuple(
+            Child(m.name, m.target, pickle.dumps(m.arguments), stderrs[m.name], m.early, m.on_call) for m in members
+        )
+        for member in members:
+            if member.on_call:
+                # Nobody waits for what has not been started, to begin or to end.
+                self._processes[member.name].excused, self._processes[member.name].code = True, 0
         try:
-            self._nursery = _start(Brood(children, tuple(preload), reports, os.getpid()), stderrs.pop(_NURSERY))
+            brood = Brood(children, tuple(preload), reports, orders, board, os.getpid())
+            self._nursery = _start(brood, stderrs.pop(_NURSERY))
         finally:
-            for descriptor in (reports, *stderrs.values()):
+            for descriptor in (reports, orders, *stderrs.values()):
                 os.close(descriptor)
         self._register(self._reports, self._take_reports)
         self._register(interrupts.fileno(), self._note_interrupt)
@@ -163,15 +217,14 @@ class ProcessCrew:
         """See `Crew`."""
         return self._inputs
 
+    @property
+    def pids(self) -> Mapping[str, int]:
+        """See `Crew`."""
+        return {name: p.pid for name, p in self._members() if p.pid is not None and p.code is None}
+
     def wait_ready(self, timeout_s: float) -> None:
         """See `Crew`."""
-        deadline = time.monotonic() + timeout_s
-        while waiting := [name for name, process in self._members() if not process.ready]:
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s")
-            self._select(left)
-            self._check()
+        self._await_ready(timeout_s)
         # Frames are due from here on.
         for bus, link in self._links.items():
             self._register(link.fileno(), partial(self._take_frames, bus, link))
@@ -188,8 +241,59 @@ class ProcessCrew:
             if time.monotonic() >= deadline:
                 return False
 
+    def kill(self, name: str) -> None:
+        """See `Crew`."""
+        process = self._processes[name]
+        process.excused = True
+        self._signal(name, signal.SIGKILL)
+        deadline = time.monotonic() + KILL_S
+        while process.code is None and self._reports_open and time.monotonic() < deadline:
+            self._select(deadline - time.monotonic())
+            self._check()
+
+    def restart(self, name: str) -> None:
+        """See `Crew`."""
+        process = self._processes[name]
+        process.code, process.pid, process.ready, process.excused = None, None, False, False
+        os.write(self._orders, f"{name}\n".encode())
+        self._await_ready(RESTART_S)
+
+    def pause(self, name: str) -> None:
+        """See `Crew`."""
+        self._processes[name].excused = True
+        self._signal(name, signal.SIGSTOP)
+
+    def resume(self, name: str) -> None:
+        """See `Crew`."""
+        self._processes[name].excused = False
+        self._signal(name, signal.SIGCONT)
+
+    def excuse(self, name: str) -> None:
+        """See `Crew`."""
+        if name in self._processes:
+            self._processes[name].excused = True
+
+    def _signal(self, name: str, number: signal.Signals) -> None:
+        process = self._processes[name]
+        if process.pid is not None and process.code is None:
+            with suppress(ProcessLookupError):
+                os.kill(process.pid, number)
+
+    def _await_ready(self, timeout_s: float) -> None:
+        deadline = time.monotonic() + timeout_s
+        while waiting := [name for name, process in self._members() if not (process.ready or process.excused)]:
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s")
+            self._select(left)
+            self._check()
+
     def stop(self, grace_s: float) -> list[str]:
         """See `Crew`."""
+        for name, process in self._members():
+            if process.excused:
+                # It may be stopped, or hang: nobody waits for it.
+                self._signal(name, signal.SIGKILL)
         for link in self._listening:
             self._selector.unregister(link.fileno())
         self._listening.clear()
@@ -197,7 +301,7 @@ class ProcessCrew:
         problems = [
             f"{self._end_of(name)} when it was to stop{self._last_words(name)}"
             for name, process in self._members()
-            if process.code
+            if process.code and not process.excused
         ]
         problems += [f"{name} did not stop and was killed" for name, process in self._members() if process.code is None]
         self.close()
@@ -218,6 +322,7 @@ class ProcessCrew:
             self._nursery.kill()
             self._nursery.wait()
         self._selector.close()
+        os.close(self._orders)
         os.close(self._reports)
         for process in self._processes.values():
             os.close(process.stderr)
@@ -294,9 +399,9 @@ class ProcessCrew:
 
     def _check(self) -> None:
         self._interrupts.check()
-        ended = [name for name, process in self._members() if process.code is not None]
+        ended = [name for name, process in self._members() if process.code is not None and not process.excused]
         if ended:
-            raise Ended("\n".join(f"{self._end_of(name)}{self._last_words(name)}" for name in ended))
+            raise Ended("\n".join(f"{self._end_of(name)}{self._last_words(name)}" for name in ended), ended)
         if not self._reports_open:
             raise Ended(f"the processes' {_NURSERY} ended{self._last_words(_NURSERY)}")
 
@@ -333,7 +438,7 @@ def _start(brood: Brood, stderr: int) -> subprocess.Popen[bytes]:
             stdout=stderr,
             stderr=stderr,
             env=environment,
-            pass_fds=(brood.reports, *(child.stderr for child in brood.children)),
+            pass_fds=(brood.reports, brood.orders, brood.board, *(child.stderr for child in brood.children)),
             # Ctrl-C in a terminal goes to all processes of its group: it is the conductor's business alone.
             start_new_session=True,
         )

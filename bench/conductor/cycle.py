@@ -4,8 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS
-from bench.bus.topic import CYCLE_MS, PLANT, V2V, Topic
+from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.fault_plan import FaultPlan
+from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.topic import PLANT, V2V, Topic
 from bench.ecu.main import ecu_name
 
 _CONDUCTOR = "Conductor"
@@ -22,6 +24,7 @@ class Due:
         message: its name.
         sender: name of the process that sends it.
         protected: whether it carries an alive counter.
+        period: in every how many cycles.
     """
 
     bus: str
@@ -29,6 +32,7 @@ class Due:
     message: str
     sender: str
     protected: bool
+    period: int = 1
 
     @property
     def topic(self) -> Topic:
@@ -37,16 +41,16 @@ class Due:
 
 
 def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int, Due]]:
-    """Return the frames of a cycle by bus and identifier, as the DBC's senders and cycle times have it."""
+    """Return the bench's periodic frames by bus and identifier, as the DBC's senders and cycle times have it."""
     due: dict[str, dict[int, Due]] = {}
     for bus, codec in codecs.items():
         due[bus] = {}
         for name in codec.names:
             message = codec.message(name)
             sender = _sender(bus, message.senders[0], vehicles)
-            if sender is not None and message.cycle_time == CYCLE_MS:
+            if sender is not None and message.cycle_time:
                 can_id = codec.can_id(name)
-                due[bus][can_id] = Due(bus, can_id, name, sender, codec.is_protected(can_id))
+                due[bus][can_id] = Due(bus, can_id, name, sender, codec.is_protected(can_id), codec.period(name))
     return due
 
 
@@ -69,26 +73,56 @@ class CycleFrames:
         number: the cycle being collected.
         frames: identifier and data of the frames that came, by bus.
         strays: frames that no cycle should bring, or not again, since `begin`.
+        spoiled: frames that are due and came with a wrong CRC, by bus and identifier.
     """
 
-    def __init__(self, due: Mapping[str, Mapping[int, Due]]) -> None:
+    def __init__(
+        self, due: Mapping[str, Mapping[int, Due]], codecs: Mapping[str, Codec], plan: FaultPlan | None = None
+    ) -> None:
         """Begin before the first cycle."""
         self._due = due
+        self._codecs = codecs
+        self._plan = plan or FaultPlan()
+        self._absent_id = {bus: codecs[bus].can_id(BENCH_ABSENT) for bus in due}
+        self._data_ids = {
+            (bus, can_id): codecs[bus].data_id(each.message)
+            for bus, every in due.items()
+            for can_id, each in every.items()
+        }
         self._missing: dict[str, dict[int, Due]] = {}
+        self._extra: dict[tuple[str, int], int] = {}
         self._count = 0
         self.number = -1
         self._counter = 0
         self.frames: dict[str, list[tuple[int, bytes]]] = {bus: [] for bus in due}
         self.strays: list[tuple[str, int]] = []
+        self.spoiled: set[tuple[str, int]] = set()
 
     def begin(self, number: int) -> None:
         """Collect the cycle `number` from here on."""
         self.number = number
         self._counter = number % COUNTER_MODULUS
-        self._missing = {bus: dict(due) for bus, due in self._due.items()}
+        self._missing = {
+            bus: {can_id: each for can_id, each in due.items() if number % each.period == 0}
+            for bus, due in self._due.items()
+        }
         self._count = sum(len(due) for due in self._missing.values())
+        self._extra = self._extra_frames()
+        self._count += sum(self._extra.values())
         self.frames = {bus: [] for bus in self._due}
         self.strays = []
+        self.spoiled = set()
+
+    def _extra_frames(self) -> dict[tuple[str, int], int]:
+        """How many frames more than the one that is due faults bring."""
+        if not self._plan.at(self.number):
+            return {}
+        extra = {
+            (bus, can_id): self._plan.extra(bus, due.message, can_id, self.number)
+            for bus, missing in self._missing.items()
+            for can_id, due in missing.items()
+        }
+        return {key: count for key, count in extra.items() if count}
 
     @property
     def complete(self) -> bool:
@@ -98,27 +132,56 @@ class CycleFrames:
     def take(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
         """Take in frames that have come on `bus`."""
         self.frames[bus].extend(frames)
-        missing = self._missing[bus]
+        missing, absent_id = self._missing[bus], self._absent_id[bus]
         for can_id, data in frames:
             due = missing.get(can_id)
-            if due is None or (due.protected and data[1] & 0x0F != self._counter):
+            if due is None:
+                if can_id == absent_id:
+                    self._take_absence(bus, data)
+                elif self._extra.get((bus, can_id)):
+                    self._extra[bus, can_id] -= 1
+                    self._count -= 1
+                else:
+                    self.strays.append((bus, can_id))
+            elif due.protected and data[1:2] and data[1] & 0x0F != self._counter:
                 self.strays.append((bus, can_id))
-                continue
-            del missing[can_id]
+            elif due.protected and not check(data, self._data_ids[bus, can_id]):
+                self.spoiled.add((bus, can_id))
+            else:
+                del missing[can_id]
+                self._count -= 1
+
+    def _take_absence(self, bus: str, data: bytes) -> None:
+        """Wait no longer for a frame, if this is the announcement of that."""
+        codec = self._codecs[bus]
+        if len(data) != 8 or not check(data, codec.data_id(BENCH_ABSENT)):
+            return
+        values = codec.decode(self._absent_id[bus], data)[1]
+        if values["Cycle"] == self.number:
+            self.give_up(bus, int(values["Identifier"]))
+
+    def give_up(self, bus: str, can_id: int) -> None:
+        """Wait no longer for a frame of this cycle."""
+        if self._missing[bus].pop(can_id, None) is not None:
             self._count -= 1
+        self._count -= self._extra.pop((bus, can_id), 0)
 
     def ordered(self) -> Iterator[tuple[str, int, bytes]]:
         """Give the frames in the order of the log: by bus, then by identifier, whatever order they came in."""
         for bus, frames in self.frames.items():
-            for can_id, data in sorted(frames, key=_can_id):
+            absent_id = self._absent_id[bus]
+            # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
+            for can_id, data in sorted(
+                frames, key=lambda frame: (frame[0], frame[1][2:] if frame[0] == absent_id else b"")
+            ):
                 yield bus, can_id, data
 
     def missing(self) -> list[Due]:
         """The frames that have not come."""
         return [due for missing in self._missing.values() for due in missing.values()]
 
-    def silent(self, inputs: Mapping[str, Sequence[Topic]]) -> str:
-        """Say who keeps the cycle waiting: who has not sent although it has got all its inputs.
+    def guilty(self, inputs: Mapping[str, Sequence[Topic]]) -> list[str]:
+        """Who keeps the cycle waiting: who has not sent although it has got all its inputs.
 
         Args:
             inputs: what each process takes, by its name.
@@ -126,7 +189,11 @@ class CycleFrames:
         missing = self.missing()
         not_come = {due.topic for due in missing}
         senders = list(dict.fromkeys(due.sender for due in missing))
-        guilty = [name for name in senders if not _waits(inputs.get(name, ()), not_come)] or senders
+        return [name for name in senders if not _waits(inputs.get(name, ()), not_come)] or senders
+
+    def silent(self, guilty: Sequence[str]) -> str:
+        """Say what the `guilty` have not sent."""
+        missing = self.missing()
         return "; ".join(_silence(name, [due for due in missing if due.sender == name]) for name in guilty)
 
 
@@ -138,7 +205,3 @@ def _silence(name: str, missing: Sequence[Due]) -> str:
     first = missing[0]
     more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
     return f"{name} sends no {first.message} (0x{first.can_id:03X} on {first.bus}){more}"
-
-
-def _can_id(frame: tuple[int, bytes]) -> int:
-    return frame[0]

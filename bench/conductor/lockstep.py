@@ -1,6 +1,8 @@
 """The lockstep clock: a cycle is opened when all frames of the one before have come.
 
-BenchSync goes out as soon as a cycle is complete; that cycle is recorded while the others work on the next one.
+BenchSync goes out as soon as a cycle is complete; that cycle is recorded while the others work on the next one. Time is
+virtual and does not pass by itself, so for an ECU that is dead or stopped the conductor announces that its frames will
+not come.
 """
 
 import time
@@ -8,16 +10,26 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import BENCH_SYNC, RUN, STOP
+from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.ties import Truth
-from bench.bus.topic import CYCLE_MS
+from bench.bus.topic import CYCLE_MS, PLANT
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
+from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.outages import Outages
 from bench.conductor.recorder import Recorder
+from bench.conductor.seats import Seats
 from bench.errors import RunFailed
 
 PROGRESS_CYCLES = 10
 """Cycles between two calls of the progress function."""
+
+SPOILED_S = 0.1
+"""Wall-clock time in s without a frame after which one that came with a wrong CRC is taken to have been the one due."""
+
+Sent = list[tuple[str, int, bytes]]
 
 
 class Lockstep:
@@ -29,14 +41,41 @@ class Lockstep:
         wall_s: wall-clock time in s from the first BenchSync to the end of the newest complete cycle.
     """
 
-    def __init__(self, links: Mapping[str, Link], codecs: Mapping[str, Codec], vehicles: int, silence_s: float) -> None:
-        """Conduct over `links` (by bus name), waiting at most `silence_s` s of wall-clock time for a frame."""
+    def __init__(
+        self,
+        links: Mapping[str, Link],
+        codecs: Mapping[str, Codec],
+        vehicles: int,
+        silence_s: float,
+        desk: FaultDesk,
+        seats: Seats,
+        *,
+        go_on: bool = False,
+    ) -> None:
+        """Conduct over `links` (by bus name).
+
+        Args:
+            links: the conductor's ends of the buses.
+            codecs: codec of every bus.
+            vehicles: how many.
+            silence_s: longest wall-clock time in s without a frame.
+            desk: where faults are taken in.
+            seats: those left free for ECUs that somebody starts by hand.
+            go_on: whether the run goes on without an ECU that has failed.
+        """
         self._links = links
         self._codecs = codecs
         self._silence_s = silence_s
-        self._frames = CycleFrames(frames_due(codecs, vehicles))
+        self._desk = desk
+        self._seats = seats
+        self._plan: FaultPlan = desk.plan
+        self._outages = Outages(self._plan)
+        self._go_on = go_on
+        self._frames = CycleFrames(frames_due(codecs, vehicles), codecs, self._plan)
         self._truth: list[Truth] = []
         self._words: list[tuple[str, str]] = []
+        self._sent: Sent = []
+        self._failures: list[str] = []
         self.cycle = 0
         self.cycles = 0
         self.wall_s = 0.0
@@ -60,25 +99,29 @@ class Lockstep:
             Interrupted: a signal has come.
         """
         started = time.perf_counter()
-        self._frames.begin(0)
-        sync = self._sync(RUN, 0)
+        self._open(crew, recorder)
         while True:
             self._await_complete(crew)
             self.wall_s = time.perf_counter() - started
             self.cycles = self.cycle + 1
-            frames, truth = [*sync, *self._frames.ordered()], self._truth
+            frames, truth = [*self._sent, *self._frames.ordered()], self._truth
             strays, words = self._frames.strays, self._words
+            failures, self._failures = self._failures, []
             self._truth, self._words = [], []
             last = self.cycles == cycles
             done, self.cycle = self.cycle, self.cycle + 1
-            self._frames.begin(self.cycle)
             # First of all, so that the nodes have work while this cycle is recorded.
-            sync = self._sync(STOP if last else RUN, self.cycle)
+            if last:
+                self._sent = self._sync(STOP, self.cycle)
+            else:
+                self._open(crew, recorder)
             recorder.cycle(done, frames, truth, strays, words)
+            for failure in failures:
+                recorder.event(done, "error", "conductor", failure)
             if on_progress is not None and (last or done % PROGRESS_CYCLES == 0):
                 on_progress(self.time_s)
             if last:
-                recorder.cycle(self.cycle, sync, (), (), ())
+                recorder.cycle(self.cycle, self._sent, (), (), ())
                 return
 
     def stop(self) -> None:
@@ -87,7 +130,10 @@ class Lockstep:
 
     def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
         """See `Listener`."""
-        self._frames.take(bus, frames)
+        if self._frames.number < 0:
+            self._seats.note(bus, frames)
+            return
+        self._frames.take(bus, self._seats.without_signs(bus, frames))
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""
@@ -102,23 +148,63 @@ class Lockstep:
         recorder.cycle(self.cycle, list(self._frames.ordered()), self._truth, self._frames.strays, self._words)
         self._truth, self._words = [], []
 
-    def _sync(self, command: int, cycle: int) -> list[tuple[str, int, bytes]]:
+    def _open(self, crew: Crew, recorder: Recorder) -> None:
+        """Open the cycle: bring about its faults, send BenchSync, announce what will not come."""
+        self._desk.open(self.cycle, recorder)
+        self._outages.apply(self.cycle, crew)
+        self._frames.begin(self.cycle)
+        self._sent = self._sync(RUN, self.cycle)
+        for name in self._outages.absent:
+            self._announce_absent([name])
+
+    def _sync(self, command: int, cycle: int) -> Sent:
         """Send BenchSync on all buses; return the frames, for the log."""
         values = {"Command": command, "Cycle": cycle, "Time": cycle * CYCLE_MS / 1000}
-        sent = []
-        for bus, link in self._links.items():
-            can_id, data = self._codecs[bus].encode(BENCH_SYNC, values, cycle)
-            link.send(can_id, data)
-            sent.append((bus, can_id, data))
-        return sent
+        return [self._send(bus, BENCH_SYNC, values) for bus in self._links]
+
+    def _send(self, bus: str, message: str, values: Mapping[str, float]) -> tuple[str, int, bytes]:
+        can_id, data = self._codecs[bus].encode(message, values, self.cycle)
+        self._links[bus].send(can_id, data)
+        return bus, can_id, data
+
+    def _announce_absent(self, senders: Sequence[str]) -> None:
+        for due in self._frames.missing():
+            if due.sender in senders:
+                self._give_up(due.bus, due.can_id)
+
+    def _give_up(self, bus: str, can_id: int) -> None:
+        self._sent.append(self._send(bus, BENCH_ABSENT, {"Identifier": can_id, "Cycle": self.cycle}))
+        self._frames.give_up(bus, can_id)
 
     def _await_complete(self, crew: Crew) -> None:
         when = f"in cycle {self.cycle} (t = {self.time_s:.2f} s)"
         while not self._frames.complete:
+            spoiled = self._frames.spoiled
+            patience = SPOILED_S if spoiled else self._silence_s
             try:
-                heard = crew.attend(self._silence_s)
+                heard = crew.attend(patience)
             except Ended as error:
-                raise Ended(f"{when} {error}") from error
-            if not heard and not self._frames.complete:
-                silent = self._frames.silent(crew.inputs)
-                raise RunFailed(f"{when} {silent}; nothing was heard for {self._silence_s:g} s")
+                if not self._goes_on_without(error.names, crew, f"{when} {error}"):
+                    raise Ended(f"{when} {error}", error.names) from error
+                continue
+            if heard or self._frames.complete:
+                continue
+            if spoiled:
+                for bus, can_id in spoiled:
+                    self._give_up(bus, can_id)
+                spoiled.clear()
+                continue
+            guilty = self._frames.guilty(crew.inputs)
+            text = f"{when} {self._frames.silent(guilty)}; nothing was heard for {self._silence_s:g} s"
+            if not self._goes_on_without(guilty, crew, text):
+                raise RunFailed(text)
+
+    def _goes_on_without(self, names: Sequence[str], crew: Crew, text: str) -> bool:
+        """Whether the run goes on without ECUs that have failed; if so, sees to it."""
+        if not self._go_on or not names or PLANT in names:
+            return False
+        for name in names:
+            self._outages.failed(name, crew)
+        self._failures.append(f"{text}; the run goes on without {', '.join(names)}")
+        self._announce_absent(names)
+        return True

@@ -36,6 +36,7 @@ class Child:
         arguments: pickled tuple; only the child unpickles it, with the imports that takes.
         stderr: file descriptor that its standard output and error go to.
         early: whether it is forked before the shared imports, as it needs few of them.
+        on_call: whether it is forked only when it is ordered.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Child:
     arguments: bytes
     stderr: int
     early: bool
+    on_call: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,12 +55,16 @@ class Brood:
         children: the processes to be forked.
         preload: ECU classes to import before forking, see `bench.ecu.main.load_class`.
         reports: writing end of the pipe for reports.
+        orders: reading end of the pipe on which names of children to be forked again come, a line each.
+        board: file descriptor of the fault board.
         conductor: process number of the conductor.
     """
 
     children: tuple[Child, ...]
     preload: tuple[str, ...]
     reports: int
+    orders: int
+    board: int
     conductor: int
 
 
@@ -74,7 +80,7 @@ def main() -> None:
         return
     set_name("nursery")
     try:
-        _Nursery(brood, Ties(lifeline, brood.reports)).run()
+        _Nursery(brood, Ties(lifeline, brood.reports, brood.board)).run()
     except BenchError as error:
         sys.exit(str(error))
 
@@ -84,6 +90,7 @@ class _Nursery:
         self._brood = brood
         self._ties = ties
         self._alive: dict[int, str] = {}
+        # A child that dies by a fault may be forked again, so the pipes for standard errors stay open here.
         # A child's end wakes the nursery through this pipe.
         self._wake, self._waker = os.pipe()
         os.set_blocking(self._waker, False)
@@ -94,16 +101,18 @@ class _Nursery:
         signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
         self._fork([child for child in self._brood.children if child.early])
         self._preload()
-        self._fork([child for child in self._brood.children if not child.early])
-        for child in self._brood.children:
-            os.close(child.stderr)
-        while self._alive:
-            ready, _, _ = select.select([self._wake, self._ties.lifeline], [], [])
+        self._fork([child for child in self._brood.children if not (child.early or child.on_call)])
+        while True:
+            ready, _, _ = select.select([self._wake, self._ties.lifeline, self._brood.orders], [], [])
             if self._ties.lifeline in ready:
                 self._kill()
                 return
-            os.read(self._wake, 4096)
-            self._reap()
+            if self._wake in ready:
+                os.read(self._wake, 4096)
+                self._reap()
+            if self._brood.orders in ready:
+                names = os.read(self._brood.orders, 4096).decode().split()
+                self._fork([child for child in self._brood.children if child.name in names])
 
     def _preload(self) -> None:
         # Not at the top: the early children do without these imports and need not wait for them.
@@ -126,6 +135,7 @@ class _Nursery:
                 try:
                     die_with_parent()
                     if os.getppid() == nursery:
+                        os.close(self._brood.orders)
                         code = _run(child, self._ties, [other.stderr for other in self._brood.children])
                 finally:
                     # Whatever happened, this process must not go on as a second nursery.

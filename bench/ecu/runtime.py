@@ -1,14 +1,21 @@
 """Runs an ECU on its buses: collects a cycle's inputs, steps, sends."""
 
+import time
 import warnings
 from collections.abc import Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
-from bench.bus.topic import CYCLE_MS, Outgoing, Topic
+from bench.bus.node import REST_S
+from bench.bus.outbox import Outbox
+from bench.bus.topic import CYCLE_MS, Topic
 from bench.ecu.base import Ecu
 from bench.errors import BadInput
+
+INPUT_WAIT_S = 0.005
+"""In real time, how long after BenchSync an ECU waits for its inputs, if its class has no `input_wait_s`."""
 
 
 class EcuNode:
@@ -20,12 +27,19 @@ class EcuNode:
         ecu: Ecu,
         links: Mapping[str, Link],
         codecs: Mapping[str, Codec],
-        diagnostics: Sequence[Topic] = (),
+        sends: Sequence[Topic] = (),
+        plan: FaultPlan | None = None,
     ) -> None:
         """Put `ecu` on `links` (by bus name); in messages to a person it is `name`.
 
-        Those of `diagnostics` that a step does not return go out with their start values, so that a small ECU need not
-        send what drives nothing.
+        Args:
+            name: who it is.
+            ecu: does the work.
+            links: its ends of its buses.
+            codecs: codec of every bus.
+            sends: what the DBC has it send. Those without E2E protection, its diagnostics, go out with their start
+                values where a step does not return them, so that a small ECU need not send what drives nothing.
+            plan: the faults of the run.
 
         Raises:
             BadInput: an input does not exist on these buses or has no alive counter.
@@ -33,15 +47,18 @@ class EcuNode:
         self.name = name
         self._ecu = ecu
         self._links = dict(links)
-        self._diagnostics = {
-            (topic.bus, topic.message): Outgoing(topic.bus, topic.message, {}) for topic in diagnostics
-        }
+        ids = {topic: codecs[topic.bus].can_id(topic.message) for topic in sends}
+        self._protected = {topic: can_id for topic, can_id in ids.items() if codecs[topic.bus].is_protected(can_id)}
+        self._diagnostics = [topic for topic in sends if topic not in self._protected]
         self._codecs = codecs
-        self._start_values: dict[tuple[str, str], dict[str, float]] = {}
+        self._input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
+        plan = plan or FaultPlan()
         try:
-            self._inbox = Inbox(links, codecs, ecu.inputs)
+            self._inbox = Inbox(links, codecs, ecu.inputs, name=name, own=sends, plan=plan)
         except BadInput as error:
             raise BadInput(f"{name}: {error}") from None
+        self._outbox = Outbox(name, links, codecs, plan)
+        self._silent: set[Topic] = set()
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -49,42 +66,79 @@ class EcuNode:
         return tuple(self._links.values())
 
     @property
+    def begun(self) -> bool:
+        """Whether a BenchSync has come."""
+        return self._inbox.opened >= 0 or self._inbox.stopped
+
+    @property
     def stopped(self) -> bool:
         """Whether the conductor has told this ECU to stop."""
         return self._inbox.stopped
 
+    @property
+    def wake_at(self) -> float | None:
+        """When to poll again even if nothing arrives (time.monotonic, s); None for never."""
+        inbox = self._inbox
+        if not inbox.realtime or inbox.cycle > inbox.opened:
+            return None
+        return inbox.opened_at + self._input_wait_s
+
+    @property
+    def rest_until(self) -> float:
+        """In real time: nothing concerns an ECU that has stepped, but the next BenchSync."""
+        inbox = self._inbox
+        return inbox.opened_at + REST_S if inbox.realtime and inbox.cycle > inbox.opened else 0.0
+
     def poll(self) -> bool:
         """Take in what has arrived and step for each cycle that this completes; whether anything had arrived.
+
+        In real time a step comes also when the wait for its inputs is over, and cycles that are over are left out.
 
         Raises:
             BadInput: the ECU sends on a bus it is not on.
             EncodeError: the ECU sends a message that the bus's DBC does not have.
         """
-        arrived = self._inbox.drain()
-        while self._inbox.complete and not self._inbox.stopped:
-            cycle = self._inbox.cycle
-            inputs = self._inbox.take()
-            not_numbers = self._not_numbers()
-            owed = dict(self._diagnostics)
-            for outgoing in self._ecu.step(cycle, cycle * CYCLE_MS / 1000, inputs, self._inbox.health):
-                owed.pop((outgoing.bus, outgoing.message), None)
-                self._send(outgoing, cycle)
-            for outgoing in owed.values():
-                self._send(outgoing, cycle)
-            if self._not_numbers() > not_numbers:
-                warnings.warn(f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values", stacklevel=2)
+        inbox = self._inbox
+        arrived = inbox.drain()
+        while not inbox.stopped:
+            inbox.catch_up()
+            if inbox.excused:
+                inbox.skip()
+            elif inbox.complete or self._waited():
+                self._step()
+            else:
+                break
         return arrived
 
-    def _send(self, outgoing: Outgoing, cycle: int) -> None:
-        bus = outgoing.bus
-        if bus not in self._links:
-            raise BadInput(f"{self.name} sends {outgoing.message} on bus {bus}; it is on {', '.join(self._links)}")
-        start = self._start_values.get((bus, outgoing.message))
-        if start is None:
-            start = self._codecs[bus].start_values(outgoing.message)
-            self._start_values[bus, outgoing.message] = start
-        can_id, data = self._codecs[bus].encode(outgoing.message, {**start, **outgoing.values}, cycle)
-        self._links[bus].send(can_id, data)
+    def _waited(self) -> bool:
+        wake_at = self.wake_at
+        return wake_at is not None and time.monotonic() >= wake_at
+
+    def _step(self) -> None:
+        cycle, lockstep = self._inbox.cycle, not self._inbox.realtime
+        inputs = self._inbox.take()
+        not_numbers = self._not_numbers()
+        sent = set()
+        for outgoing in self._ecu.step(cycle, cycle * CYCLE_MS / 1000, inputs, self._inbox.health):
+            sent.add((outgoing.bus, outgoing.message))
+            self._outbox.put(outgoing.bus, outgoing.message, outgoing.values)
+        for topic in self._diagnostics:
+            if (topic.bus, topic.message) not in sent:
+                self._outbox.put(topic.bus, topic.message, {})
+        self._outbox.send(cycle, lockstep=lockstep)
+        for topic, can_id in self._protected.items():
+            if (topic.bus, topic.message) not in sent:
+                self._keep_silent(topic, can_id, cycle, lockstep=lockstep)
+        if self._not_numbers() > not_numbers:
+            warnings.warn(f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values", stacklevel=2)
+
+    def _keep_silent(self, topic: Topic, can_id: int, cycle: int, *, lockstep: bool) -> None:
+        """Say that the ECU has nothing to say: in virtual time the others would wait for it."""
+        if lockstep:
+            self._outbox.absent(topic.bus, can_id, cycle)
+        if topic not in self._silent:
+            self._silent.add(topic)
+            warnings.warn(f"{self.name}: in cycle {cycle} it does not send {topic.message}", stacklevel=2)
 
     def _not_numbers(self) -> int:
         return sum(self._codecs[bus].not_numbers for bus in self._links)

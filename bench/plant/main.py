@@ -7,6 +7,7 @@ from pathlib import Path
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
@@ -24,6 +25,7 @@ def make_nodes(
     codecs: Mapping[str, Codec],
     truth: TruthSink,
     stack: ExitStack,
+    plan: FaultPlan,
 ) -> list[VehicleNode]:
     """Make the node of every vehicle; `stack` closes what they use.
 
@@ -34,6 +36,7 @@ def make_nodes(
         codecs: codec of every bus.
         truth: takes the truth rows.
         stack: takes over links and FMU instances.
+        plan: the faults of the run.
 
     Raises:
         BadInput: the FMU cannot be read, or a bus cannot be opened.
@@ -48,7 +51,7 @@ def make_nodes(
         instance = FmuInstance(description, folder, bus, start_values(vehicle))
         stack.callback(instance.close)
         road = scenario.road_of(number)
-        nodes.append(VehicleNode(number, instance, description, road, link, codecs[bus], truth))
+        nodes.append(VehicleNode(number, instance, description, road, link, codecs[bus], truth, plan))
     return nodes
 
 
@@ -61,7 +64,9 @@ def serve_plant(ties: Ties, scenario: Scenario, fmu: Path, address: Address) -> 
     """
     vehicles = len(scenario.vehicles)
     with ExitStack() as stack:
-        nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), load_codecs(vehicles), ties.truth, stack)
+        plan = FaultPlan(scenario.faults, scenario.seed, ties.fault_board())
+        codecs = load_codecs(vehicles)
+        nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), codecs, ties.truth, stack, plan)
         # It publishes without waiting for any input of the cycle, so nobody can keep it waiting.
         ties.ready(PLANT, ())
         serve(nodes, ties.lifeline)

@@ -10,16 +10,31 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
+from bench.bus.node import REST_S
+from bench.bus.outbox import Outbox
 from bench.bus.topic import CYCLE_MS, Signals, Topic, vehicle_bus
-from bench.plant.actuators import COMMANDS, Actuators
+from bench.plant.actuators import COMMANDS, STEERING, TORQUES_FRONT, TORQUES_REAR, Actuators
 from bench.plant.description import FmuDescription
+from bench.plant.faults import VehicleFaults
 from bench.plant.fmu import FmuInstance
 from bench.scenario import Road, Vehicle
 from platoon_fmu.parameters import VehicleParameters
 
 MOST_HELD_CYCLES = 255
 """What the DBC's HeldCycles can carry."""
+
+COLLECT_S = 0.008
+"""In real time, when the plant looks for the commands of a cycle, after its BenchSync: late enough that most are there, and
+early enough for a step before the next BenchSync."""
+
+RECEPTION = {
+    "SteeringReception": STEERING,
+    "TorqueFrontReception": TORQUES_FRONT,
+    "TorqueRearReception": TORQUES_REAR,
+}
+"""The signals of `PlantBusHealth` that show how a command is received."""
 
 TruthSink = Callable[[int, int, Sequence[float]], None]
 """Takes vehicle, cycle and truth row: all outputs, then all inputs of the FMU in its description's order.
@@ -40,6 +55,7 @@ class VehicleNode:
         link: Link,
         codec: Codec,
         truth: TruthSink,
+        plan: FaultPlan,
     ) -> None:
         """Put vehicle number `vehicle` on its bus `link`."""
         bus = vehicle_bus(vehicle)
@@ -50,12 +66,15 @@ class VehicleNode:
         self._inputs = description.inputs
         self._weight = VehicleParameters().M * VehicleParameters().g
         self._road = road
+        self._bus = bus
         self._link = link
-        self._codec = codec
         self._truth = truth
         self._commands = {name: Topic(bus, name) for name in COMMANDS}
-        self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values())
+        self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values(), name=self.name, plan=plan)
+        self._outbox = Outbox(self.name, {bus: link}, {bus: codec}, plan)
+        self._faults = VehicleFaults(vehicle, plan)
         self._actuators = Actuators()
+        self._applied = self._actuators.applied
         self._published = -1
         self._step_us = 0.0
 
@@ -65,12 +84,27 @@ class VehicleNode:
         return (self._link,)
 
     @property
+    def wake_at(self) -> float | None:
+        """None: the plant goes by BenchSync alone."""
+        return None
+
+    @property
+    def rest_until(self) -> float:
+        """In real time: there is nothing to do but just before and at BenchSync."""
+        inbox = self._inbox
+        if not inbox.realtime:
+            return 0.0
+        return inbox.opened_at + (REST_S if inbox.cycle > inbox.opened else COLLECT_S)
+
+    @property
     def stopped(self) -> bool:
         """Whether the conductor has told this vehicle to stop."""
         return self._inbox.stopped
 
     def poll(self) -> bool:
         """Take in what has arrived; publish if that opens a cycle, step if it completes one; whether there was any.
+
+        In real time a cycle ends when the next one begins, with the commands that have come by then.
 
         Raises:
             RunFailed: the FMU failed.
@@ -79,7 +113,8 @@ class VehicleNode:
         while not self.stopped:
             if self._published < self._inbox.cycle <= self._inbox.opened:
                 self._publish(self._inbox.cycle)
-            if not self._inbox.complete:
+            overdue = self._inbox.realtime and self._inbox.opened > self._inbox.cycle
+            if not (self._inbox.complete or overdue):
                 break
             self._step()
         return arrived
@@ -89,8 +124,8 @@ class VehicleNode:
         row = self._fmu.outputs()
         self._truth(self._vehicle, cycle, row + self._fmu.inputs())
         for name, values in self._messages(dict(zip(self._outputs, row, strict=True))).items():
-            can_id, data = self._codec.encode(name, values, cycle)
-            self._link.send(can_id, data)
+            self._outbox.put(self._bus, name, values)
+        self._outbox.send(cycle, lockstep=not self._inbox.realtime)
 
     def _messages(self, output: Mapping[str, float]) -> dict[str, Signals]:
         """The vehicle's messages by name, from the FMU's outputs."""
@@ -107,11 +142,16 @@ class VehicleNode:
             "WheelSpeedsFront": {"WheelSpeedFL": output["omega_fl"], "WheelSpeedFR": output["omega_fr"]},
             "WheelSpeedsRear": {"WheelSpeedRL": output["omega_rl"], "WheelSpeedRR": output["omega_rr"]},
             "ActuatorStatus": {
-                "SteeringAngle": self._actuators.applied.steering_angle,
+                "SteeringAngle": self._applied.steering_angle,
                 "ActuatorState": self._actuators.state,
                 "HeldCycles": min(self._actuators.held_cycles, MOST_HELD_CYCLES),
+                "CommandState": self._actuators.command_state,
             },
-            "PlantBusHealth": {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors},
+            "PlantBusHealth": {
+                "FramesLost": health.frames_lost,
+                "E2EErrors": health.e2e_errors,
+                **{signal: health.of(self._commands[name]).state for signal, name in RECEPTION.items()},
+            },
             "PlantTiming": {"StepTime": self._step_us},
         }
 
@@ -120,14 +160,15 @@ class VehicleNode:
         cycle = self._inbox.cycle
         commands = self._inbox.take()
         self._actuators.take({name: commands[topic] for name, topic in self._commands.items()})
+        self._applied = self._faults.on_actuators(cycle, self._actuators.applied)
         time_s = cycle * CYCLE_MS / 1000
-        values = self._acting(time_s)
+        values = self._faults.on_road(cycle, self._acting(time_s))
         self._fmu.step(time_s, CYCLE_MS / 1000, [values[name] for name in self._inputs])
         self._step_us = (time.perf_counter() - started) * 1e6
 
     def _acting(self, time_s: float) -> dict[str, float]:
         """The FMU's inputs by name: what the actuators apply and what the road does at `time_s`."""
-        applied, road = self._actuators.applied, self._road
+        applied, road = self._applied, self._road
         return {
             "steering_angle": applied.steering_angle,
             "wheel_torque_fl": applied.torque_fl,

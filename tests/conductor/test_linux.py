@@ -1,13 +1,15 @@
 """Requests to the kernel about processes."""
 
+import fcntl
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from bench.conductor.linux import as_batch_work
+from bench.conductor.linux import as_batch_work, enlarge_pipe, pin, real_time, set_real_time, wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux takes these requests")
 
@@ -47,3 +49,43 @@ os.wait()
         parent.kill()
         # The pipe ends only when the child, too, is gone.
         assert parent.communicate(timeout=60)[0] == ""
+
+
+def test_waiting_ends_at_the_time_and_not_before() -> None:
+    deadline = time.monotonic_ns() + 5_000_000
+    wait_until(deadline)
+    assert time.monotonic_ns() >= deadline
+    # What is past is not waited for.
+    wait_until(deadline - 10_000_000_000)
+
+
+def test_a_process_goes_first_where_that_is_permitted() -> None:
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        before = os.sched_getscheduler(child.pid)
+        granted = set_real_time(child.pid, 20)
+        assert os.sched_getscheduler(child.pid) == (os.SCHED_FIFO if granted else before)
+        if granted:
+            assert os.sched_getparam(child.pid).sched_priority == 20
+        pin(child.pid, {min(os.sched_getaffinity(0))})
+        assert os.sched_getaffinity(child.pid) == {min(os.sched_getaffinity(0))}
+        child.communicate(b"\n")
+    assert set_real_time(child.pid, 20)  # It has ended, which is not for want of permission.
+
+
+def test_this_process_goes_first_for_the_time_of_the_context() -> None:
+    before = os.sched_getscheduler(0)
+    granted = set_real_time(os.getpid(), 1)
+    os.sched_setscheduler(0, before, os.sched_param(0))
+    with real_time(1):
+        assert os.sched_getscheduler(0) == (os.SCHED_FIFO if granted else before)
+    assert os.sched_getscheduler(0) == before
+
+
+def test_a_pipe_is_made_larger() -> None:
+    reader, writer = os.pipe()
+    before = fcntl.fcntl(writer, fcntl.F_GETPIPE_SZ)
+    enlarge_pipe(reader)
+    # An unprivileged user may have used up the pages that the system gives to pipes.
+    assert fcntl.fcntl(writer, fcntl.F_GETPIPE_SZ) in (before, 1 << 20)
+    os.close(reader)
+    os.close(writer)

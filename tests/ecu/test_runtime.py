@@ -8,6 +8,7 @@ from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import EncodeError, load_codecs
 from bench.bus.link import open_link
+from bench.bus.reception import Reception, ReceptionState
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
@@ -23,6 +24,7 @@ class Probe:
     """An ECU that keeps what it was called with and answers with a reference."""
 
     name = "veh1.planner"
+    input_wait_s = 60.0
 
     def __init__(self, *inputs: Topic) -> None:
         self.inputs = inputs or (MOTION, PEER)
@@ -58,6 +60,9 @@ class Rig:
     def motion(self, cycle: int, speed: float = 20.0, *, spoil: bool = False) -> None:
         self.send("veh1", "VehicleMotion", MOTION_VALUES | {"VelocityX": speed}, cycle, spoil=spoil)
 
+    def absent(self, cycle: int, message: str, bus: str = "veh1") -> None:
+        self.send(bus, "BenchAbsent", {"Identifier": CODECS[bus].can_id(message), "Cycle": cycle}, cycle)
+
     def peer(self, cycle: int, x: float, *, spoil: bool = False) -> None:
         self.send("v2v", "V2VPosition_2", {"X": x, "Y": 0.0}, cycle, spoil=spoil)
 
@@ -89,7 +94,10 @@ def test_steps_once_with_exactly_the_inputs_of_the_cycle(rig: Rig) -> None:
     rig.node.poll()
     rig.node.poll()
     ((cycle, time_s, inputs, health),) = rig.ecu.steps
-    assert (cycle, time_s, health) == (0, 0.0, Health())
+    assert (cycle, time_s) == (0, 0.0)
+    assert (health.frames_lost, health.e2e_errors) == (0, 0)
+    assert health.of(MOTION) == Reception(ReceptionState.OK, 0)
+    assert health.of(PEER) == Reception(ReceptionState.INIT, 1)
     assert set(inputs) == {MOTION, PEER}
     motion = inputs[MOTION]
     assert motion is not None
@@ -115,7 +123,7 @@ def test_what_comes_by_radio_takes_part_one_cycle_later(rig: Rig) -> None:
         heard = rig.seen(number, PEER)
         assert heard is not None
         assert heard["X"] == pytest.approx(number - 1, abs=2e-4)
-    assert rig.ecu.steps[-1][3] == Health()
+    assert rig.ecu.steps[-1][3].e2e_errors == 0
 
 
 def test_peers_frame_before_the_own_bench_sync_waits_for_its_cycle(rig: Rig) -> None:
@@ -155,13 +163,110 @@ def test_a_damaged_frame_is_missing_and_counted(rig: Rig) -> None:
     rig.sync(1)
     rig.motion(1, spoil=True)
     rig.node.poll()
+    assert rig.cycles_stepped() == [0]
+    rig.absent(1, "VehicleMotion")
+    rig.node.poll()
     assert rig.cycles_stepped() == [0, 1]
     assert rig.seen(1, MOTION) is None
-    assert rig.ecu.steps[1][3].e2e_errors == 1
+    assert rig.ecu.steps[1][3].of(MOTION) == Reception(ReceptionState.ERROR, 1)
     rig.peer(1, x=1.0)
     rig.cycle(2)
     assert rig.seen(2, MOTION) is not None
     assert rig.ecu.steps[2][3].e2e_errors == 1
+
+
+def test_a_damaged_frame_too_many_takes_no_good_ones_place(rig: Rig) -> None:
+    rig.cycle(0)
+    rig.sync(1)
+    rig.motion(1, speed=10.0, spoil=True)
+    rig.motion(1, speed=11.0)
+    rig.node.poll()
+    motion = rig.seen(1, MOTION)
+    assert motion is not None
+    assert round(motion["VelocityX"]) == 11
+    assert rig.ecu.steps[1][3].of(MOTION) == Reception(ReceptionState.OK, 0)
+
+
+def test_a_message_is_lost_after_its_timeout_and_found_again(rig: Rig) -> None:
+    rig.cycle(0)
+    timeout = CODECS["veh1"].timeout_cycles("VehicleMotion")
+    assert timeout > 1
+    for number in range(1, timeout + 2):
+        rig.sync(number)
+        rig.peer(number - 1, x=0.0)
+        rig.absent(number, "VehicleMotion")
+        rig.node.poll()
+    receptions = [health.of(MOTION) for _, _, _, health in rig.ecu.steps[1:]]
+    assert [reception.age for reception in receptions] == list(range(1, timeout + 2))
+    assert [reception.lost for reception in receptions] == [False] * (timeout - 1) + [True] * 2
+    assert receptions[0].state is ReceptionState.MISSING
+    rig.peer(timeout + 1, x=0.0)
+    rig.cycle(timeout + 2)
+    assert rig.ecu.steps[-1][3].of(MOTION) == Reception(ReceptionState.OK, 0)
+
+
+def test_a_frame_that_is_cycles_late_is_not_used(rig: Rig) -> None:
+    for number in range(3):
+        rig.cycle(number)
+    for number in (3, 4):
+        rig.sync(number)
+        rig.absent(number, "VehicleMotion")
+        rig.peer(number - 1, x=0.0)
+        rig.node.poll()
+    rig.sync(5)
+    rig.peer(4, x=0.0)
+    rig.motion(3)
+    rig.absent(5, "VehicleMotion")
+    rig.node.poll()
+    assert rig.cycles_stepped()[-1] == 5
+    assert rig.seen(5, MOTION) is None
+    assert rig.ecu.steps[-1][3].of(MOTION).state is ReceptionState.WRONG_SEQUENCE
+
+
+def test_a_node_the_others_went_on_without_leaves_those_cycles_out(rig: Rig) -> None:
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, [Topic("veh1", "Reference")])
+    rig.cycle(0)
+    for number in range(1, 41):
+        rig.sync(number)
+        rig.absent(number, "Reference")
+        rig.motion(number)
+        rig.peer(number, x=float(number))
+    rig.sync(41)
+    rig.motion(41)
+    rig.node.poll()
+    assert rig.cycles_stepped() == [0, 41]
+    heard = rig.seen(1, PEER)
+    assert heard is not None
+    assert round(heard["X"]) == 40
+
+
+def test_in_real_time_late_cycles_are_left_out(rig: Rig) -> None:
+    for number in range(4):
+        rig.sync(number, command=2)
+        rig.motion(number)
+        rig.peer(number, x=float(number))
+    rig.node.poll()
+    assert rig.cycles_stepped() == [3]
+    assert rig.ecu.steps[0][3].late_cycles == 3
+
+
+def test_in_real_time_nobody_waits_for_ever(rig: Rig) -> None:
+    rig.ecu.input_wait_s = 0.0
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS)
+    rig.sync(0, command=2)
+    rig.node.poll()
+    assert rig.cycles_stepped() == [0]
+    assert rig.seen(0, MOTION) is None
+    assert rig.node.wake_at is None
+
+
+def test_what_an_ecu_does_not_say_is_announced_as_absent(rig: Rig) -> None:
+    rig.ecu.answer = []
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, [Topic("veh1", "Reference"), STATUS])
+    rig.cycle(0)
+    sent = dict(CODECS["veh1"].decode(*frame) for frame in rig.far["veh1"].receive())
+    assert list(sent) == ["PlannerStatus", "BenchAbsent"]
+    assert sent["BenchAbsent"]["Identifier"] == 0x200
 
 
 def test_a_repeated_frame_is_counted_and_left_aside(rig: Rig) -> None:
@@ -194,7 +299,7 @@ def test_a_frame_may_come_after_the_next_bench_sync(rig: Rig) -> None:
     assert rig.cycles_stepped() == [0, 1, 2]
     speeds = [rig.seen(step, MOTION) for step in (1, 2)]
     assert [values and round(values["VelocityX"]) for values in speeds] == [10, 11]
-    assert rig.ecu.steps[-1][3] == Health()
+    assert rig.ecu.steps[-1][3].e2e_errors == 0
 
 
 def test_joins_a_run_under_way(rig: Rig) -> None:
@@ -249,7 +354,7 @@ def test_frames_of_others_do_not_matter(rig: Rig) -> None:
     rig.far["veh1"].send(CODECS["veh1"].can_id("PlannerStatus"), bytes(8))
     rig.cycle(0)
     assert rig.cycles_stepped() == [0]
-    assert rig.ecu.steps[0][3] == Health()
+    assert rig.ecu.steps[0][3].e2e_errors == 0
 
 
 def test_refuses_inputs_that_cannot_be() -> None:

@@ -10,6 +10,7 @@ import pytest
 
 from bench.bus.address import Address
 from bench.bus.codec import load_codecs
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.errors import BadInput, RunFailed
 from bench.plant.description import read_description
@@ -46,7 +47,9 @@ class Rig:
         def note(vehicle: int, cycle: int, values: object) -> None:
             self.truth.append((vehicle, cycle, dict(zip(names, values, strict=True))))  # type: ignore[call-overload]
 
-        nodes = make_nodes(scenario, default_fmu(), lambda bus: open_link(bus, address), {"veh1": CODEC}, note, stack)
+        plan = FaultPlan(scenario.faults, scenario.seed)
+        codecs = {"veh1": CODEC}
+        nodes = make_nodes(scenario, default_fmu(), lambda bus: open_link(bus, address), codecs, note, stack, plan)
         (self.node,) = nodes
 
     def send(self, message: str, counter: int, spoil: bool = False, **values: float) -> None:
@@ -103,7 +106,7 @@ def test_steps_when_all_three_commands_have_come(rig: Rig) -> None:
     assert rig.published() == {}
     rig.send("TorqueCommandRear", 0, TorqueRL=50.0, TorqueRR=50.0)
     got = rig.published()
-    assert list(got) == SENSORS
+    assert list(got) == [name for name in SENSORS if CODEC.period(name) == 1]
     assert got["ActuatorStatus"]["ActuatorState"] == 1
     assert got["ActuatorStatus"]["SteeringAngle"] == pytest.approx(0.02, abs=1e-6)
     assert got["VehicleMotion"]["YawRate"] > 0
@@ -127,6 +130,7 @@ def test_a_damaged_command_holds_the_whole_set(rig: Rig) -> None:
     rig.command(0, steering=0.02, torque=10.0)
     rig.sync(1)
     rig.command(1, steering=0.5, torque=500.0, spoil=True)
+    rig.send("BenchAbsent", 1, Identifier=CODEC.can_id("SteeringCommand"), Cycle=1)
     rig.sync(2)
     got = rig.published()
     assert got["ActuatorStatus"]["ActuatorState"] == 2

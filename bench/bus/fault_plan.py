@@ -1,0 +1,128 @@
+"""The faults of a run as a node meets them: which are at work in a cycle, and what chance decides in them.
+
+All processes of a bench have the same plan and come to the same decisions, as chance follows from the scenario's seed,
+the fault and the frame. Faults typed into a running bench come to all of them over a `FaultBoard`.
+"""
+
+import json
+import mmap
+import os
+import struct
+import tempfile
+from collections.abc import Sequence
+from functools import lru_cache
+from random import Random
+
+from pydantic import TypeAdapter
+
+from bench.bus.topic import CYCLE_MS
+from bench.faults import Fault, FrameDuplicate, FrameReorder, Window
+
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+_HEAD = struct.Struct("<II")
+BOARD_BYTES = 256 * 1024
+
+
+class FaultBoard:
+    """A page of memory that the conductor writes faults on and every process of a bench reads.
+
+    The conductor writes before it sends the BenchSync of the cycle a fault begins in, so that nobody can miss one.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        """Map the file `descriptor`, of `BOARD_BYTES` bytes."""
+        self._memory = mmap.mmap(descriptor, BOARD_BYTES)
+
+    @staticmethod
+    def create() -> int:
+        """Return the file descriptor of a new, empty board; it is gone with the last process that has it."""
+        with tempfile.TemporaryFile() as file:
+            file.truncate(BOARD_BYTES)
+            return os.dup(file.fileno())
+
+    @property
+    def count(self) -> int:
+        """How many faults are on the board."""
+        return int(_HEAD.unpack_from(self._memory)[0])
+
+    def post(self, fault: Fault) -> None:
+        """Put one more fault on the board.
+
+        Raises:
+            ValueError: the board is full.
+        """
+        count, used = _HEAD.unpack_from(self._memory)
+        line = json.dumps(fault.model_dump(mode="json")).encode() + b"\n"
+        if _HEAD.size + used + len(line) > BOARD_BYTES:
+            raise ValueError("no room for another fault in this run")
+        start = _HEAD.size + used
+        self._memory[start : start + len(line)] = line
+        _HEAD.pack_into(self._memory, 0, count + 1, used + len(line))
+
+    def read(self) -> list[Fault]:
+        """Return all faults on the board, in the order they were posted."""
+        count, used = _HEAD.unpack_from(self._memory)
+        lines = bytes(self._memory[_HEAD.size : _HEAD.size + used]).splitlines()
+        return [_FAULTS.validate_json(line) for line in lines[:count]]
+
+
+class FaultPlan:
+    """What is to go wrong, and when.
+
+    Attributes:
+        faults: all faults, in the order they became known.
+    """
+
+    def __init__(self, faults: Sequence[Fault] = (), seed: int = 0, board: FaultBoard | None = None) -> None:
+        """Plan the `faults` of a scenario of this `seed`, and those that will be posted on `board`."""
+        self._planned = tuple(faults)
+        self._seed = seed
+        self._board = board
+        self._posted = 0
+        self._set(self._planned)
+
+    def _set(self, faults: Sequence[Fault]) -> None:
+        self.faults = tuple(faults)
+        self._windows = [Window(fault, CYCLE_MS / 1000) for fault in self.faults]
+        self.at = lru_cache(maxsize=4)(self._at)
+
+    def refresh(self) -> None:
+        """Take in what has been posted on the board."""
+        if self._board is not None and self._board.count != self._posted:
+            self._posted = self._board.count
+            self._set((*self._planned, *self._board.read()))
+
+    def _at(self, cycle: int) -> tuple[tuple[int, Fault], ...]:
+        return tuple(
+            (index, fault)
+            for index, (fault, window) in enumerate(zip(self.faults, self._windows, strict=True))
+            if cycle in window
+        )
+
+    def window(self, index: int) -> Window:
+        """Return in which cycles a fault is at work."""
+        return self._windows[index]
+
+    def chance(self, index: int, bus: str, can_id: int, cycle: int) -> Random:
+        """Return what chance has in store for a frame in a fault; the same wherever it is asked."""
+        return Random(f"{self._seed}/{index}/{bus}/{can_id}/{cycle}")
+
+    def extra(self, bus: str, message: str, can_id: int, cycle: int) -> int:
+        """Return how many frames of a message a cycle brings beyond the one that is due, after that."""
+        count = 0
+        for index, fault in self.at(cycle):
+            if isinstance(fault, FrameDuplicate | FrameReorder) and hits(fault, bus, message):
+                if isinstance(fault, FrameReorder):
+                    count += self.is_second(index, cycle)
+                elif self.chance(index, bus, can_id, cycle).random() < fault.probability:
+                    count += fault.copies
+        return count
+
+    def is_second(self, index: int, cycle: int) -> bool:
+        """Return whether a reordered frame of this cycle is the second of its pair, the one that goes first."""
+        return (cycle - self._windows[index].first) % 2 == 1
+
+
+def hits(fault: Fault, bus: str, message: str) -> bool:
+    """Return whether a fault of frames is one of this message."""
+    return bool(getattr(fault, "bus", None) == bus and getattr(fault, "message", None) in (None, message))

@@ -1,0 +1,210 @@
+"""Where a running bench takes in faults: those of its scenario, and those that `platoon fault` brings.
+
+A bench listens on a Unix socket in a folder of the user's own. One line of JSON comes in, one goes back.
+"""
+
+import json
+import os
+import socket
+import tempfile
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from bench.bus.fault_plan import FaultBoard, FaultPlan
+from bench.bus.fault_targets import target_problems
+from bench.bus.topic import CYCLE_MS
+from bench.conductor.seats import refuse_outages
+from bench.errors import BadInput
+from bench.faults import Fault, kinds
+
+if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+    from bench.conductor.recorder import Recorder
+
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+_ANSWER_S = 10.0
+_MOST_BYTES = 65536
+
+
+def desk_folder() -> Path:
+    """Return the folder with the sockets of this user's running benches."""
+    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    return Path(base) / f"platoon-{os.getuid()}"
+
+
+class FaultDesk:
+    """Takes faults in and tells the log of their beginning and end. A context manager, open as long as the run is.
+
+    Attributes:
+        plan: all faults known.
+    """
+
+    def __init__(
+        self, plan: FaultPlan, board: FaultBoard, vehicles: int, log: Path, without: Collection[str] = ()
+    ) -> None:
+        """Take in faults for a run of this many vehicles, known to people by its `log`.
+
+        ECUs named in `without` are not the bench's, so it cannot crash or stop them.
+        """
+        self._without = without
+        self.plan = plan
+        self._board = board
+        self._vehicles = vehicles
+        self._log = log
+        self._path: Path | None = None
+        self._socket: socket.socket | None = None
+        self._told: set[tuple[int, bool]] = set()
+
+    def __enter__(self) -> "FaultDesk":
+        """Open the socket; a bench without one runs all the same."""
+        folder = desk_folder()
+        try:
+            folder.mkdir(mode=0o700, exist_ok=True)
+            if folder.stat().st_uid != os.getuid():
+                return self
+            path = folder / f"{os.getpid()}-{self._log.stem[:48]}.sock"
+            path.unlink(missing_ok=True)
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            self._socket.setblocking(False)
+            self._socket.bind(str(path))
+            self._socket.listen(8)
+            self._path = path
+        except OSError:
+            self._close()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the socket."""
+        self._close()
+
+    def open(self, cycle: int, recorder: "Recorder") -> None:
+        """Before a cycle begins: take in what has been asked for, and log what begins and ends with it."""
+        self._serve(cycle)
+        if not self.plan.faults:
+            return
+        for index, fault in enumerate(self.plan.faults):
+            window = self.plan.window(index)
+            target = f"{fault.kind}: {fault.target()}" if fault.target() else fault.kind
+            if cycle >= window.first and (index, True) not in self._told:
+                self._told.add((index, True))
+                until = "the end" if window.end is None else f"{window.end * CYCLE_MS / 1000:g} s"
+                recorder.event(cycle, "warning", "fault", f"{target} begins, until {until}")
+            if window.end is not None and cycle >= window.end and (index, False) not in self._told:
+                self._told.add((index, False))
+                recorder.event(cycle, "warning", "fault", f"{target} ends")
+
+    def _serve(self, cycle: int) -> None:
+        if self._socket is None:
+            return
+        try:
+            connection, _ = self._socket.accept()
+        except OSError:
+            # Nobody there, or gone again.
+            return
+        with connection, suppress(OSError):
+            connection.settimeout(0.2)
+            connection.sendall(json.dumps(self._answer(_line(connection), cycle)).encode() + b"\n")
+
+    def _answer(self, line: bytes, cycle: int) -> dict[str, Any]:
+        now_s = cycle * CYCLE_MS / 1000
+        try:
+            asked = json.loads(line)
+            fault = _FAULTS.validate_json(json.dumps({"at_s": now_s, **asked}))
+            if fault.at_s < now_s:
+                return {"error": f"at_s = {fault.at_s:g} is over; the run is at {now_s:g} s"}
+            problems = target_problems(fault, self._vehicles)
+            if problems:
+                return {"error": "; ".join(f"{'.'.join(key)} {text}" for key, text in problems)}
+            refuse_outages([fault], self._without)
+            self._board.post(fault)
+        except ValidationError as error:
+            return {"error": explain_fault(error)}
+        except (ValueError, TypeError, BadInput) as error:
+            return {"error": str(error)}
+        self.plan.refresh()
+        return {"at_s": fault.at_s, "fault": fault.model_dump(mode="json")}
+
+    def _close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+        if self._path is not None:
+            self._path.unlink(missing_ok=True)
+            with suppress(OSError):
+                # Another bench may be there.
+                self._path.parent.rmdir()
+            self._path = None
+
+
+def explain_fault(error: ValidationError) -> str:
+    """Return what is wrong with a fault, in words."""
+    texts = []
+    for detail in error.errors(include_url=False):
+        path = [str(part) for part in detail["loc"] if part not in kinds()]
+        if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
+            texts.append(f"no such kind of fault; there are {', '.join(kinds())}")
+        else:
+            texts.append(f"{'.'.join(path)}: {detail['msg']}")
+    return "; ".join(texts)
+
+
+def running() -> dict[str, Path]:
+    """Return the sockets of this user's running benches, by name: process number and log."""
+    found = {}
+    for path in sorted(desk_folder().glob("*.sock")):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+            try:
+                probe.connect(str(path))
+            except OSError:
+                # Left by a bench that was killed.
+                path.unlink(missing_ok=True)
+                continue
+        found[path.stem] = path
+    return found
+
+
+def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
+    """Bring a fault to a running bench and return its answer.
+
+    Args:
+        run: part of the name of the bench, as in `running`; None where there is only one.
+        request: the fault; without `at_s` it begins at once.
+
+    Raises:
+        BadInput: no such bench, more than one, or it refuses the fault.
+    """
+    benches = {name: path for name, path in running().items() if run is None or run in name}
+    if not benches:
+        which = f"no bench that runs has {run!r} in its name" if run else "no bench of yours is running"
+        raise BadInput(f"{which}; start one with: platoon run")
+    if len(benches) > 1:
+        raise BadInput(f"several benches are running; name one with --run: {', '.join(benches)}")
+    name, path = benches.popitem()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
+        connection.settimeout(_ANSWER_S)
+        try:
+            connection.connect(str(path))
+            connection.sendall(json.dumps(request).encode() + b"\n")
+            answer: dict[str, Any] = json.loads(_line(connection) or b'{"error": "the run has ended"}')
+        except OSError as error:
+            raise BadInput(f"the bench {name} gives no answer: {error}") from error
+    if "error" in answer:
+        raise BadInput(f"the bench {name} refuses the fault: {answer['error']}")
+    return answer
+
+
+def _line(connection: socket.socket) -> bytes:
+    """Read one line, or what came before the other side was done."""
+    data = b""
+    while not data.endswith(b"\n") and len(data) < _MOST_BYTES:
+        part = connection.recv(4096)
+        if not part:
+            break
+        data += part
+    return data

@@ -1,0 +1,90 @@
+"""Notices on the bus when an ECU or an actuator goes from one state to another."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from bench.bus.codec import Codec
+
+_STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
+"""The messages that show a state, and the signal that does."""
+
+_CAUSE = "Cause"
+_NORMAL = ("Init", "Run", "Active")
+
+
+class Change(NamedTuple):
+    """A change of state as an event: see `RunWriter.event`."""
+
+    level: str
+    source: str
+    text: str
+
+
+class _Watched(NamedTuple):
+    """Where in a message its state is: the byte and the bits in it."""
+
+    source: str
+    message: str
+    signal: str
+    byte: int
+    shift: int
+    mask: int
+    names: Mapping[int, str]
+    causes: Mapping[int, str]
+
+
+class StateWatch:
+    """Compares each frame that shows a state with the one before.
+
+    Attributes:
+        watched: bus and identifier of these frames.
+    """
+
+    def __init__(self, codecs: Mapping[str, Codec]) -> None:
+        """Watch the states that these buses' DBC files have."""
+        self._codecs = codecs
+        self.watched: dict[tuple[str, int], _Watched] = {}
+        for bus, codec in codecs.items():
+            for name in _STATES.keys() & set(codec.names):
+                self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
+        self._last: dict[tuple[str, int], int] = {}
+
+    def change(self, bus: str, can_id: int, data: bytes) -> Change | None:
+        """Return the change that a frame shows, None for none."""
+        place = self.watched[bus, can_id]
+        if len(data) <= place.byte:
+            return None
+        state = data[place.byte] >> place.shift & place.mask
+        before = self._last.get((bus, can_id), 0)
+        if state == before:
+            return None
+        self._last[bus, can_id] = state
+        names = [place.names.get(value, str(value)).lower() for value in (before, state)]
+        cause = self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0)
+        why = f" ({place.causes[int(cause)]})" if cause and int(cause) in place.causes else ""
+        level = "info" if place.names.get(state) in _NORMAL else "warning"
+        return Change(level, place.source, f"{names[0]} -> {names[1]}{why}")
+
+
+def _watched(bus: str, name: str, codec: Codec) -> _Watched:
+    message = codec.message(name)
+    signals = {signal.name: signal for signal in message.signals}
+    state = signals[_STATES[name]]
+    byte, shift = divmod(state.start, 8)
+    node = message.senders[0].lower()
+    source = f"{bus}.actuators" if node == "plant" else f"{bus}.{node}"
+    causes = signals[_CAUSE].choices if _CAUSE in signals else None
+    return _Watched(
+        source,
+        name,
+        state.name,
+        byte,
+        shift,
+        (1 << state.length) - 1,
+        _texts(state.choices),
+        _texts(causes),
+    )
+
+
+def _texts(choices: Mapping[int, object] | None) -> dict[int, str]:
+    return {int(value): str(text) for value, text in (choices or {}).items()}
