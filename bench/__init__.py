@@ -1,1 +1,8 @@
 """The bench: ECUs on CAN around the vehicle FMU, run by a conductor and recorded to MCAP."""
+
+import sys
+
+# Where asammdf is installed, `import can` would import it, and pandas with it: half a second in every process of a run.
+# `bench.record.exchange.formats` lets it in when somebody wants MF4.
+if "can" not in sys.modules:
+    sys.modules.setdefault("asammdf", None)  # type: ignore[arg-type]

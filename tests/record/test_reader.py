@@ -70,7 +70,7 @@ def test_what_describes_the_run(recorded):
     assert run.result["status"] == "completed"
     assert [e.text for e in run.events] == [text for _, _, _, text in recorded.events]
     assert run.events[0].level == "warning"
-    assert run.messages("veh1")[:3] == ["BenchSync", "VehiclePosition", "VehicleAttitude"]
+    assert run.messages("veh1")[:3] == ["BenchSync", "BenchAbsent", "VehiclePosition"]
     assert run.wall_clock_ids("veh1") == {0x5F0, 0x5F1, 0x5F2}
 
 

@@ -1,0 +1,7 @@
+"""Logs of other tools: frames out to candump, ASC, BLF and MF4 files, and in again, through python-can."""
+
+from bench.record.exchange.export import Exported, export_log
+from bench.record.exchange.formats import Format
+from bench.record.exchange.importing import Imported, import_logs
+
+__all__ = ["Exported", "Format", "Imported", "export_log", "import_logs"]

@@ -1,0 +1,218 @@
+"""Imports files of other tools as one of our logs: frames, and the signals that a DBC finds in them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
+from bench.bus.topic import V2V
+from bench.errors import BadInput
+from bench.record.exchange.aside import check_new, written_aside
+from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, NS, Format
+from bench.record.exchange.readers import Contents, Logged, read
+from bench.record.writer import RunWriter
+
+UNIX_FROM_S = 631_152_000
+"""Times from here on (1990) are of the calendar; BLF draws the same line."""
+
+_VEHICLE_BUS = re.compile(r"veh([1-9]\d*)")
+_NUMBERED = re.compile(r"(.*?)(\d+)")
+_NO_MESSAGES = 'VERSION ""\n'
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What was imported.
+
+    Attributes:
+        frames: bus -> how many.
+        notes: what was left out, and what to know of the log; a line each.
+    """
+
+    frames: dict[str, int]
+    notes: tuple[str, ...]
+
+
+def import_logs(
+    files: Sequence[Path],
+    target: Path,
+    *,
+    kind: Format | None = None,
+    buses: Mapping[str, str] | None = None,
+    dbc: Sequence[str] = (),
+    command_line: Sequence[str] = (),
+) -> Imported:
+    """Write the frames of `files`, put together in the order of time, to the new log `target`.
+
+    Times are those of the files. Where they are of the calendar (Unix time), the log counts from the whole second
+    before the first frame, which its metadata has as `origin_unix_s`; the receive times keep the calendar's.
+
+    Args:
+        files: what to import.
+        target: the log to make, named .mcap.
+        kind: their format; from each file's name if not given.
+        buses: channel as the files have it -> name of the bus. Else a file of ours tells the names, a named channel
+            keeps its name, and channel 1 becomes `can1`.
+        dbc: `FILE` for all buses, `BUS=FILE` for one; else `v2v` and `veh<i>` have the bench's own.
+        command_line: what was typed, for the metadata.
+
+    Raises:
+        BadInput: a file cannot be read or is not what it should be, a channel to be named is not in them, a DBC cannot
+            be used, or the log cannot be written.
+        RunFailed: the disk is full.
+    """
+    check_new(target, ".mcap")
+    kinds = [kind or Format.of(file) for file in files]
+    contents = [read(each, file) for each, file in zip(kinds, files, strict=True)]
+    names = _bus_names(contents, buses or {})
+    frames = sorted(
+        (
+            (frame, name[frame.channel])
+            for content, name in zip(contents, names, strict=True)
+            for frame in content.frames
+        ),
+        key=lambda pair: pair[0].time_ns,
+    )
+    origin_ns = _origin_ns(frames[0][0].time_ns, frames[-1][0].time_ns)
+    seen = Counter((bus, frame.log_id) for frame, bus in frames)
+    codecs, attachments = _codecs(sorted({bus for bus, _ in seen}, key=_bus_order), dbc)
+    left_out = sum((content.left_out for content in contents), Counter[str]())
+    sent = sum(content.sent for content in contents)
+    metadata = {
+        "source": ", ".join(file.name for file in files),
+        "source_format": ", ".join(dict.fromkeys(kinds)),
+        "source_channels": ", ".join(dict.fromkeys(f"{a}={b}" for name in names for a, b in name.items())),
+        "command_line": shlex.join(command_line),
+        "imported": datetime.now(UTC).isoformat(timespec="seconds"),
+        "origin_unix_s": str(origin_ns // NS),
+        **{f"left out: {what}": str(count) for what, count in left_out.items()},
+        "version python-can": version("python-can"),
+    }
+    with written_aside(target) as path:
+        _write(path, frames, origin_ns, codecs, metadata, attachments)
+    return Imported(
+        frames={bus: sum(count for (of, _), count in seen.items() if of == bus) for bus in codecs},
+        notes=(
+            *(note for content in contents for note in content.notes),
+            *(f"left out: {count} {what}" for what, count in left_out.items()),
+            *([f"not kept: that {sent} frames were marked as sent (Tx)"] if sent else []),
+            *_undecoded(codecs, seen),
+        ),
+    )
+
+
+def _write(
+    path: Path,
+    frames: Sequence[tuple[Logged, str]],
+    origin_ns: int,
+    codecs: Mapping[str, Codec],
+    metadata: Mapping[str, str],
+    attachments: Mapping[str, bytes],
+) -> None:
+    numbers = [int(found[1]) for bus in codecs if (found := _VEHICLE_BUS.fullmatch(bus))]
+    with RunWriter(
+        path,
+        codecs=codecs,
+        truth_names=(),
+        vehicles=max((number for number in numbers if number <= MAX_VEHICLES), default=0),
+        metadata=metadata,
+        attachments=attachments,
+    ) as writer:
+        for frame, bus in frames:
+            writer.frame(bus, frame.time_ns - origin_ns, frame.log_id, frame.data, frame.time_ns)
+        writer.close({"status": "imported"})
+
+
+def _bus_names(contents: Sequence[Contents], chosen: Mapping[str, str]) -> list[dict[str, str]]:
+    """Return for each file the bus of each of its channels.
+
+    Raises:
+        BadInput: a chosen name is none, or its channel is in no file.
+    """
+    channels = [dict.fromkeys(frame.channel for frame in content.frames) for content in contents]
+    found = list(dict.fromkeys(channel for each in channels for channel in each))
+    for channel, bus in chosen.items():
+        if channel not in found:
+            raise BadInput(f"--bus {channel}={bus}: no frame of a channel {channel}; there are {', '.join(found)}")
+        if not BUS_NAME.fullmatch(bus):
+            raise BadInput(
+                f"--bus {channel}={bus}: a bus name is letters, digits and _, and does not begin with a digit"
+            )
+    return [
+        {channel: chosen.get(channel) or content.names.get(channel) or _default_name(channel) for channel in each}
+        for content, each in zip(contents, channels, strict=True)
+    ]
+
+
+def _default_name(channel: str) -> str:
+    name = re.sub(r"\W", "_", channel, flags=re.ASCII)
+    return f"can{name}" if name[0].isdigit() else name
+
+
+def _bus_order(bus: str) -> tuple[bool, str, int]:
+    """Order v2v, veh1, veh2, ... veh10, then the others, as in logs of runs."""
+    found = _NUMBERED.fullmatch(bus)
+    return bus != V2V and not _VEHICLE_BUS.fullmatch(bus), found[1] if found else bus, int(found[2]) if found else 0
+
+
+def _origin_ns(first_ns: int, last_ns: int) -> int:
+    """Return the time that the log counts from.
+
+    Raises:
+        BadInput: some times are of the calendar and some are not, or they are too far apart.
+    """
+    unix_ns = UNIX_FROM_S * NS
+    if first_ns < unix_ns <= last_ns:
+        raise BadInput("some times are of the calendar and some count from a start; import them into a log each")
+    origin_ns = first_ns // NS * NS if first_ns >= unix_ns else 0
+    if last_ns - origin_ns > LONGEST_NS:
+        raise BadInput(f"the frames span {(last_ns - origin_ns) / NS:.0f} s; a log may span {LONGEST_NS // NS} s")
+    return origin_ns
+
+
+def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> tuple[dict[str, Codec], dict[str, bytes]]:
+    """Return the codec of each bus, without messages where there is no DBC, and the DBC files to attach.
+
+    Raises:
+        BadInput: a DBC file cannot be used, or is for a bus that is not there.
+    """
+    for_all: Path | None = None
+    for_one: dict[str, Path] = {}
+    for given in dbc:
+        bus, equals, file = given.partition("=")
+        if not equals or Path(given).is_file():
+            for_all = Path(given)
+        elif bus in buses:
+            for_one[bus] = Path(file)
+        else:
+            raise BadInput(f"--dbc {given}: there is no bus {bus}; there are {', '.join(buses)}")
+    paths = {bus: for_one.get(bus) or for_all or _own_dbc(bus) for bus in buses}
+    codecs = {bus: Codec(path) if path else Codec.from_text(_NO_MESSAGES) for bus, path in paths.items()}
+    return codecs, {path.name: path.read_bytes() for path in paths.values() if path}
+
+
+def _own_dbc(bus: str) -> Path | None:
+    if bus == V2V:
+        return DBC_DIR / "v2v.dbc"
+    return DBC_DIR / "vehicle.dbc" if _VEHICLE_BUS.fullmatch(bus) else None
+
+
+def _undecoded(codecs: Mapping[str, Codec], seen: Mapping[tuple[str, int], int]) -> list[str]:
+    """Say what has no decoded signals."""
+    notes = []
+    for bus, codec in codecs.items():
+        if not codec.names:
+            notes.append(f"{bus}: no DBC, so frames only; give --dbc {bus}=FILE")
+            continue
+        known = set(codec.can_ids)
+        unknown = {log_id: count for (of, log_id), count in seen.items() if of == bus and log_id not in known}
+        if unknown:
+            notes.append(f"{bus}: {sum(unknown.values())} frames of {len(unknown)} identifiers are not in its DBC")
+    return notes
