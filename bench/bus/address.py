@@ -1,28 +1,23 @@
-"""Where the buses of a bench are: any python-can interface, written as on the command line.
+"""Where the buses of a bench are, written as on the command line.
 
-udp               python-can's udp_multicast on this host, on ports that no other bench uses
-udp:PORT          the same on fixed ports: v2v on PORT, veh1 on PORT + 1, ...
-vcan              SocketCAN: v2v on vcan0, veh1 on vcan1, ...
-direct            inside one process
-IFACE:CHANNEL     any other python-can interface; {} in CHANNEL is the number of the bus, v2v 0, veh1 1,
-...:
-                  socketcan:can{}, pcan:PCAN_USBBUS{}
+PLACE        where all buses are; with udp:PORT v2v is on PORT, veh1 on PORT + 1, ...; {} in a channel is the
+             number of the bus: v2v 0, veh1 1, ...
+BUS=PLACE    where one bus is, here udp:PORT with its own port
+
+A place is written as in `bench.bus.place`. Buses without a place of their own are on `udp`.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-
-from can.interfaces import VALID_INTERFACES
 
 from bench.bus.codec import MAX_VEHICLES, bus_names
 from bench.bus.direct import Hub
-from bench.bus.socketcan import require_links
-from bench.bus.udp import reserve_udp_ports
+from bench.bus.kernel_links import require_links
+from bench.bus.multicast import require_device
+from bench.bus.place import FIRST_USER_PORT, LAST_PORT, Place
+from bench.bus.udp import hold_udp_ports, reserve_udp_ports
 from bench.errors import BadInput
-
-_ALLOWED = "allowed: udp, udp:PORT, vcan, direct, IFACE:CHANNEL (any python-can interface, e.g. socketcan:can{})"
-_LAST_PORT = 65535 - MAX_VEHICLES
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,67 +25,78 @@ class Address:
     """Where the buses of one bench are.
 
     Attributes:
-        interface: python-can's name of the interface (udp_multicast, socketcan, pcan, ...), or `direct`.
-        channel: the channel of a bus, where {} stands for the number of the bus; not for udp_multicast.
-        port: UDP port of the v2v bus, for udp_multicast; None as long as none is reserved.
+        everywhere: place of the buses that have none of their own; a UDP port is v2v's, the others' follow.
+        own: buses that have a place of their own, in the order of the buses.
         hub: the buses themselves, for `direct`; every `parse` makes new ones.
     """
 
-    interface: str
-    channel: str = ""
-    port: int | None = None
+    everywhere: Place
+    own: tuple[tuple[str, Place], ...] = ()
     hub: Hub | None = None
 
     @classmethod
-    def parse(cls, text: str) -> "Address":
-        """Read an address as it is typed after `--can`.
+    def parse(cls, *texts: str) -> "Address":
+        """Read what is typed after each `--can`.
 
         Raises:
-            BadInput: not one of the forms above.
+            BadInput: none of the forms above, a bus that does not exist, or two places for one bus.
         """
-        if text == "udp":
-            return cls("udp_multicast")
-        if text == "vcan":
-            return cls("socketcan", "vcan{}")
-        if text == "direct":
-            return cls("direct", hub=Hub())
-        interface, _, channel = text.partition(":")
-        if not (interface and channel):
-            raise BadInput(f"--can {text}: not a bus; {_ALLOWED}")
-        if interface != "udp":
-            # python-can's own name for `udp` has a group as its channel, and the bench needs ports.
-            if interface == "udp_multicast" or interface not in VALID_INTERFACES:
-                raise BadInput(f"--can {text}: no such interface; {_ALLOWED}")
-            return cls(interface, channel)
-        if not (channel.isdecimal() and 1024 <= int(channel) <= _LAST_PORT):
-            raise BadInput(f"--can {text}: PORT must be a whole number from 1024 to {_LAST_PORT}")
-        return cls("udp_multicast", port=int(channel))
+        everywhere: Place | None = None
+        own: dict[str, Place] = {}
+        for text in texts:
+            bus, mark, place = text.partition("=")
+            try:
+                if mark and bus.isalnum():
+                    bus_number(bus)
+                    _refuse_second(text, bus, own.get(bus))
+                    own[bus] = Place.parse(place, text)
+                else:
+                    _refuse_second(text, "every bus", everywhere)
+                    everywhere = _everywhere(text)
+            except BadInput as error:
+                raise BadInput(f"--can {error}") from None
+        everywhere = everywhere or Place("udp_multicast")
+        is_direct = everywhere.interface == "direct"
+        if own and (is_direct or any(place.interface == "direct" for place in own.values())):
+            raise BadInput(f"--can {' --can '.join(texts)}: direct is one process with all buses; give it alone")
+        ordered = tuple(sorted(own.items(), key=lambda item: bus_number(item[0])))
+        return cls(everywhere, ordered, Hub() if is_direct else None)
 
     def __str__(self) -> str:
-        """Return the text that `parse` reads."""
-        if self.interface == "udp_multicast":
-            return "udp" if self.port is None else f"udp:{self.port}"
-        if self.hub is not None:
-            return "direct"
-        return "vcan" if self == Address("socketcan", "vcan{}") else f"{self.interface}:{self.channel}"
+        """Return the texts that `parse` reads, with blanks in between."""
+        return " ".join([str(self.everywhere), *(f"{bus}={place}" for bus, place in self.own)])
 
-    def channel_of(self, bus: str) -> str:
-        """Return the channel of a bus, e.g. vcan1 for veh1.
+    def place_of(self, bus: str) -> Place:
+        """Return where a bus is, its number put in: vcan1 for veh1.
 
         Raises:
             BadInput: there is no such bus.
         """
-        return self.channel.replace("{}", str(bus_number(bus)))
+        number = bus_number(bus)
+        place = dict(self.own).get(bus)
+        if place is not None:
+            return place.of_number(number)
+        port = self.everywhere.port
+        return replace(self.everywhere.of_number(number), port=None if port is None else port + number)
 
-    def port_of(self, bus: str) -> int:
-        """Return the UDP port of a bus.
+    def is_known(self, bus: str) -> bool:
+        """Whether others can tell where the bus is: not while a port is still to be chosen, nor inside one process."""
+        place = self.place_of(bus)
+        return self.hub is None and not (place.is_udp and place.port is None)
 
-        Raises:
-            BadInput: there is no such bus, or no port is given: the bench reserves one with `settle`.
-        """
-        if self.port is None:
-            raise BadInput("--can udp: give the port of the running bench's v2v bus too, udp:PORT")
-        return self.port + bus_number(bus)
+
+def _refuse_second(text: str, what: str, first: Place | None) -> None:
+    if first is not None:
+        raise BadInput(
+            f"{text}: {what} has {first} already; give one PLACE for all buses, and BUS=PLACE once for a bus"
+        )
+
+
+def _everywhere(text: str) -> Place:
+    place = Place.parse(text)
+    if place.port is not None and place.port > LAST_PORT - MAX_VEHICLES:
+        raise BadInput(f"{text}: PORT must be a whole number from {FIRST_USER_PORT} to {LAST_PORT - MAX_VEHICLES}")
+    return place
 
 
 def bus_number(bus: str) -> int:
@@ -109,21 +115,60 @@ def bus_number(bus: str) -> int:
 def settle(address: Address, vehicles: int) -> Iterator[Address]:
     """Give the address as the processes of one bench of `vehicles` vehicles use it, while the context lasts.
 
-    UDP ports are reserved, the kernel's CAN links checked.
+    UDP ports are reserved, the kernel's CAN links and network devices checked.
 
     Raises:
-        BadInput: a UDP port is in use, a CAN link missing, or one channel given for all buses.
+        BadInput: a UDP port is in use, a link or device missing, a bus not in the bench, or two buses in one place.
     """
     buses = bus_names(vehicles)
-    if address.interface == "udp_multicast":
-        with reserve_udp_ports(len(buses), first=address.port) as ports:
-            yield replace(address, port=ports[0])
+    _check_buses(address, buses)
+    if address.hub is not None:
+        yield address
         return
-    if address.hub is None and "{}" not in address.channel:
+    places = {bus: address.place_of(bus) for bus in buses}
+    kernel_links = [place.channel for place in places.values() if place.interface == "socketcan"]
+    if kernel_links:
+        require_links(kernel_links)
+    for device in {place.device for place in places.values() if place.device}:
+        require_device(device)
+    with ExitStack() as stack:
+        stack.enter_context(hold_udp_ports([place.port for place in places.values() if place.port is not None]))
+        if any(place.is_udp and place.port is None for place in places.values()):
+            address = _with_ports(address, stack.enter_context(reserve_udp_ports(len(buses))).start)
+        yield address
+
+
+def _with_ports(address: Address, first: int) -> Address:
+    """Return the address with a port, counted from `first`, for each UDP bus that has none."""
+
+    def settled(place: Place, port: int) -> Place:
+        return replace(place, port=port) if place.is_udp and place.port is None else place
+
+    own = tuple((bus, settled(place, first + bus_number(bus))) for bus, place in address.own)
+    return replace(address, everywhere=settled(address.everywhere, first), own=own)
+
+
+def _check_buses(address: Address, buses: Collection[str]) -> None:
+    """Refuse places of buses that are not in the bench, and two buses in one place.
+
+    Raises:
+        BadInput: see there.
+    """
+    strangers = [bus for bus, _ in address.own if bus not in buses]
+    if strangers:
+        raise BadInput(f"--can {strangers[0]}=...: the scenario has the buses {', '.join(buses)}")
+    if address.hub is not None:
+        return
+    shared = [bus for bus in buses if bus not in dict(address.own)]
+    if len(shared) > 1 and not (address.everywhere.is_udp or address.everywhere.numbered):
         raise BadInput(
-            f"--can {address}: one channel for {len(buses)} buses; write {{}} for the number of the bus "
-            "(v2v 0, veh1 1, ...), as in socketcan:can{}"
+            f"--can {address.everywhere}: one channel for {len(shared)} buses; write {{}} for the number of the bus "
+            "(v2v 0, veh1 1, ...), as in socketcan:can{}, or give each bus its own: --can BUS=..."
         )
-    if address.interface == "socketcan":
-        require_links(address.channel_of(bus) for bus in buses)
-    yield address
+    seen: dict[Place, str] = {}
+    for bus in buses:
+        place = address.place_of(bus)
+        key = replace(place, device="", options=())
+        if key in seen and not (place.is_udp and place.port is None):
+            raise BadInput(f"--can: {seen[key]} and {bus} are both on {place}; each bus needs a place of its own")
+        seen[key] = bus

@@ -1,9 +1,12 @@
 """Any other bus that python-can knows, by python-can's own calls: CAN hardware of all makers."""
 
+from typing import Any
+
 import can
+from can.util import cast_from_string
 
 from bench.bus.base import EXTENDED, MOST_FRAMES, Link, LinkError
-from bench.bus.socketcan import BIT_RATE
+from bench.bus.place import Place
 from bench.errors import BadInput
 
 
@@ -66,14 +69,15 @@ class InterfaceLink(Link):
         self._bus.shutdown()
 
 
-def open_interface(name: str, interface: str, channel: str) -> InterfaceLink:
-    """Join the bus `name` on a python-can interface and channel.
+def open_interface(name: str, place: Place, bit_rate: int) -> InterfaceLink:
+    """Join the bus `name` at a place of python-can, at `bit_rate` bit/s unless the place's options have another.
 
     Raises:
         BadInput: python-can cannot open it, or it has no file descriptor to wait on.
     """
+    options: dict[str, Any] = {"bitrate": bit_rate} | {key: cast_from_string(value) for key, value in place.options}
     try:
-        bus = can.Bus(interface=interface, channel=channel, bitrate=BIT_RATE)
+        bus = can.Bus(interface=place.interface, channel=place.channel, **options)
     except Exception as error:
-        raise BadInput(f"bus {name}: python-can cannot open {interface}:{channel}: {error}") from error
+        raise BadInput(f"bus {name}: python-can cannot open {place}: {error}") from error
     return InterfaceLink(name, bus)

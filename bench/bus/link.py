@@ -1,11 +1,13 @@
 """Opening a bus: from an address to a link."""
 
-from bench.bus.address import Address, settle
+from bench.bus.address import Address, bus_number, settle
 from bench.bus.base import Link, LinkError
+from bench.bus.codec import load_codecs
 from bench.bus.direct import DirectLink
 from bench.bus.interface import open_interface
 from bench.bus.socketcan import SocketcanLink
 from bench.bus.udp import UdpLink, reserve_udp_ports
+from bench.errors import BadInput
 
 __all__ = ["Address", "Link", "LinkError", "open_link", "reserve_udp_ports", "settle"]
 
@@ -18,8 +20,15 @@ def open_link(bus: str, address: Address) -> Link:
     """
     if address.hub is not None:
         return DirectLink(bus, address.hub)
-    if address.interface == "udp_multicast":
-        return UdpLink(bus, address.port_of(bus))
-    if address.interface == "socketcan":
-        return SocketcanLink(bus, address.channel_of(bus))
-    return open_interface(bus, address.interface, address.channel_of(bus))
+    place = address.place_of(bus)
+    if place.is_udp:
+        if place.port is None:
+            raise BadInput(f"--can udp: give the port of the running bench's {bus} too, udp:PORT")
+        return UdpLink(bus, place.port, place.device)
+    if place.interface == "socketcan":
+        return SocketcanLink(bus, place.channel)
+    return open_interface(bus, place, _bit_rate(bus))
+
+
+def _bit_rate(bus: str) -> int:
+    return load_codecs(max(1, bus_number(bus)))[bus].bit_rate

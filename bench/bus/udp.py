@@ -1,19 +1,19 @@
-"""The bus `udp`: python-can's udp_multicast, kept on this host. One UDP port is one bus.
+"""The bus `udp`: python-can's udp_multicast; on this host, or on a network device's network. One UDP port is one bus.
 
 Any python-can tool of this host takes part: `can_logger -i udp_multicast -c 239.74.163.2 --port PORT`.
 """
 
 import errno
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from socket import AF_INET, SO_REUSEADDR, SO_REUSEPORT, SOCK_DGRAM, SOCK_STREAM, SOL_SOCKET, socket
 from typing import Any
 
-import can
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from bench.bus.base import EXTENDED, LinkError
+from bench.bus.multicast import MulticastSocket
 from bench.bus.sockets import SocketLink
 from bench.errors import BadInput
 
@@ -43,17 +43,17 @@ def _head(can_id: int) -> bytes:
 
 
 class UdpLink(SocketLink):
-    """A msgpack map per frame, to all sockets of group and port on this host."""
+    """A msgpack map per frame, to all sockets of group and port on this host, or on a network device's network."""
 
-    def __init__(self, name: str, port: int) -> None:
-        """Join the bus `name` on UDP `port`.
+    def __init__(self, name: str, port: int, device: str = "") -> None:
+        """Join the bus `name` on UDP `port`, on the network device `device` if others than this host take part.
 
         Raises:
             BadInput: it cannot be opened; the message says what to type.
         """
         self._pack, self._unpack = _msgpack()
         self._destination = (GROUP, port)
-        super().__init__(name, _open(name, port))
+        super().__init__(name, MulticastSocket(name, GROUP, port, device))
         # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
         self._mark = f"{name}/{os.urandom(8).hex()}"
         self._mark_bytes = self._mark.encode()
@@ -108,35 +108,6 @@ class UdpLink(SocketLink):
         return None
 
 
-def _open(name: str, port: int) -> UdpMulticastBus:
-    _probe(name, port)
-    try:
-        # A hop limit of 0 keeps the frames on this host.
-        return UdpMulticastBus(GROUP, port=port, hop_limit=0, fd=False)
-    except can.CanError as error:
-        raise BadInput(f"bus {name}: UDP port {port} cannot be opened: {error}") from error
-
-
-def _probe(name: str, port: int) -> None:
-    """Find out what would keep python-can from opening the bus; its own errors do not tell.
-
-    Raises:
-        BadInput: there is no route for multicast, or another program has the port to itself.
-    """
-    with socket(AF_INET, SOCK_DGRAM) as probe:
-        probe.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)
-        probe.setsockopt(SOL_SOCKET, SO_REUSEPORT, 1)
-        if not _binds(probe, "", port):
-            raise BadInput(f"bus {name}: UDP port {port} is used by another program; take another port")
-        try:
-            probe.connect((GROUP, port))
-        except OSError as error:
-            raise BadInput(
-                f"bus {name}: this machine has no route for multicast ({error.strerror}); type:\n"
-                "  sudo ip link set lo up && sudo ip route add 239.0.0.0/8 dev lo"
-            ) from error
-
-
 def _msgpack() -> tuple[Callable[[Any], bytes], Callable[[bytes], Any]]:
     """Return msgpack's functions that pack and unpack."""
     try:
@@ -158,24 +129,40 @@ def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
         BadInput: a port is held by another bench, used by another program (with `first`: used by one that shares it
             with nobody), or there are no free ones.
     """
-    starts = range(FIRST_PORT, _LAST_PORT - count, count) if first is None else (first,)
-    for start in starts:
+    if first is not None:
+        with hold_udp_ports(range(first, first + count)):
+            yield range(first, first + count)
+        return
+    for start in range(FIRST_PORT, _LAST_PORT - count, count):
         ports = range(start, start + count)
-        # Who names the ports may have ECUs or tools listening there already.
-        locks = _lock(ports, shared=first is not None)
+        locks = _lock(ports, shared=False)
         if locks is not None:
             with locks:
                 yield ports
             return
-    if first is None:
-        raise BadInput(f"no {count} free UDP ports in a row from {FIRST_PORT} to {_LAST_PORT}")
-    raise BadInput(
-        f"udp:{first}: not all of the UDP ports {first} to {first + count - 1} are free, another bench or "
-        "program uses one; take others, or udp without a port"
-    )
+    raise BadInput(f"no {count} free UDP ports in a row from {FIRST_PORT} to {_LAST_PORT}")
 
 
-def _lock(ports: range, shared: bool) -> ExitStack | None:
+@contextmanager
+def hold_udp_ports(ports: Sequence[int]) -> Iterator[None]:
+    """Hold these UDP ports for one bench; see `reserve_udp_ports`.
+
+    Raises:
+        BadInput: a port is held by another bench, or used by a program that shares it with nobody.
+    """
+    # Who names the ports may have ECUs or tools listening there already.
+    locks = _lock(ports, shared=True)
+    if locks is None:
+        named = f"{ports[0]} to {ports[-1]}" if isinstance(ports, range) else ", ".join(map(str, ports))
+        raise BadInput(
+            f"udp:{ports[0]}: not all of the UDP ports {named} are free, another bench or program uses one; take "
+            "others, or udp without a port"
+        )
+    with locks:
+        yield
+
+
+def _lock(ports: Iterable[int], shared: bool) -> ExitStack | None:
     """Return the locks of all `ports`, or None where one of them is not free."""
     with ExitStack() as stack:
         for port in ports:

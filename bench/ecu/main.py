@@ -12,10 +12,12 @@ from typing import Any
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
 from bench.bus.topic import V2V, Topic, vehicle_bus
+from bench.ecu.alone import await_bench
 from bench.ecu.base import Ecu
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
@@ -65,6 +67,8 @@ def load_class(spec: str) -> Any:
         raise BadInput(f"ECU {spec!r}: {place} has no class {name}")
     if not callable(getattr(found, "step", None)):
         raise BadInput(f"ECU {spec!r}: the class {name} is no ECU, it has no method step; see bench.ecu.base.Ecu")
+    if missing := sorted(getattr(found, "__abstractmethods__", ())):
+        raise BadInput(f"ECU {spec!r}: the class {name} lacks the method {', '.join(missing)}")
     return found
 
 
@@ -104,6 +108,7 @@ def make_node(
     scenario: Scenario,
     links: Mapping[str, Link],
     codecs: Mapping[str, Codec],
+    plan: FaultPlan,
 ) -> tuple[EcuNode, Ecu]:
     """Make an ECU and put it on its links.
 
@@ -111,19 +116,28 @@ def make_node(
         BadInput: the class cannot be loaded, or takes what is not on its buses.
     """
     ecu: Ecu = load_class(spec)(vehicle, scenario)
-    diagnostics = diagnostics_of(role, vehicle, codecs)
-    return EcuNode(ecu_name(role, vehicle), ecu, links, codecs, diagnostics), ecu
+    return EcuNode(ecu_name(role, vehicle), ecu, links, codecs, sends_of(role, vehicle, codecs), plan), ecu
 
 
-def diagnostics_of(role: str, vehicle: int, codecs: Mapping[str, Codec]) -> list[Topic]:
-    """What the DBC has an ECU of this role send on its vehicle's bus without E2E protection: it drives nothing."""
-    bus = vehicle_bus(vehicle)
-    codec = codecs[bus]
-    own = [name for name in codec.names if role.capitalize() in codec.message(name).senders]
-    return [Topic(bus, name) for name in own if not codec.is_protected(codec.can_id(name))]
+def sends_of(role: str, vehicle: int, codecs: Mapping[str, Codec]) -> list[Topic]:
+    """What the DBC has an ECU of this role send: on its vehicle's bus, and the planner on v2v for its vehicle."""
+    senders = {bus: f"Vehicle{vehicle}" if bus == V2V else role.capitalize() for bus in buses_of(role, vehicle)}
+    return [
+        Topic(bus, name)
+        for bus, sender in senders.items()
+        for name in codecs[bus].names
+        if codecs[bus].message(name).senders[:1] == [sender]
+    ]
 
 
-def serve_ecu(ties: Ties | None, spec: str, role: str, vehicle: int, scenario: Scenario, address: Address) -> None:
+def serve_ecu(
+    ties: Ties | None,
+    spec: str,
+    role: str,
+    vehicle: int,
+    scenario: Scenario,
+    address: Address,
+) -> None:
     """Run one ECU in this process until the conductor stops it or is gone.
 
     Args:
@@ -145,11 +159,16 @@ def serve_ecu(ties: Ties | None, spec: str, role: str, vehicle: int, scenario: S
     codecs = load_codecs(vehicles)
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in buses_of(role, vehicle)}
-        node, ecu = make_node(spec, role, vehicle, scenario, links, codecs)
+        plan = FaultPlan(scenario.faults, scenario.seed, ties.fault_board() if ties else None)
+        node, ecu = make_node(spec, role, vehicle, scenario, links, codecs, plan)
         if ties is None:
-            sys.stderr.write(f"{node.name} listens on {', '.join(links)} at {address}\n")
+            there = ", ".join(f"{bus} at {address.place_of(bus)}" for bus in links)
+            sys.stderr.write(f"{node.name} listens on {there}\n")
             sys.stderr.flush()
+            await_bench(node, role, vehicle, links, codecs)
             serve([node], silence_s=SILENCE_S)
         else:
+            # Once more in this process: memory shared with the nursery is copied when it is first written to.
+            load_classes([spec])
             ties.ready(node.name, ecu.inputs)
             serve([node], ties.lifeline)

@@ -4,21 +4,60 @@ import math
 from collections.abc import Mapping
 from time import perf_counter
 
-from bench.bus.states import EcuState, ReferenceState
-from bench.bus.topic import V2V, Health, Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.reception import Health
+from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
+from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.control.settings import PlannerSettings
+from bench.ecu.following import Following
+from bench.ecu.peers import PeerWatch, broadcast
+from bench.ecu.plausibility import OwnMotion
 from bench.scenario import CYCLE_S, Scenario
 from platoon_fmu.parameters import VehicleParameters
+
+WAIT_CYCLES = 10
+"""Cycles after which slots are assigned by the start grid if not all vehicles have been heard: the timeout of V2V."""
+
+CLEARANCE_M = 7.0
+"""Distance (m) that a vehicle which falls back keeps to one ahead, as far as it can brake."""
+
+MAKE_WAY_M = 12.0
+"""Distance (m) that a vehicle keeps to one behind that cannot be trusted: more than any gap that is safe by itself, so
+that one that comes faster, as it only coasts, is kept away from."""
+
+OVERTAKEN_M = 6.0
+"""Distance (m) ahead at which such a vehicle has overtaken."""
+
+LANE_M = 3.5
+"""Two vehicles nearer than this (m) across the road are in each other's way."""
+
+_OWN = (
+    ("PositionReception", "VehiclePosition"),
+    ("AttitudeReception", "VehicleAttitude"),
+    ("MotionReception", "VehicleMotion"),
+    ("WheelsFrontReception", "WheelSpeedsFront"),
+    ("WheelsRearReception", "WheelSpeedsRear"),
+    ("ActuatorReception", "ActuatorStatus"),
+)
+
+_UNTRUSTED = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE, Cause.PEER_UNSAFE)
+_UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
 
 
 class PlannerEcu:
     """The paper's planning level as an ECU.
 
-    States: *init* until all vehicles have been heard once, with the start speed held; *run*; *degraded* while own
-    sensors or a neighbour are missing: own sensors missing hold the reference, a missing neighbour is taken to keep its
-    velocity. A vehicle that is alone needs to hear nobody.
+    States: *init* until it has a slot, with the start speed held; *run*; *degraded* while a sensor is replaced by its
+    redundancy, or a vehicle is missing or not to be trusted: then those behind it open the gap; *safe* while the own
+    motion is unknown or the vehicle does not follow: it slows down in its lane and tells the others. `docs/states.md`
+    has it all.
+
+    Attributes:
+        input_wait_s: in real time, how long after BenchSync it waits for its inputs: the plant's are there within two
+            ms or so, and the tracker waits for the planner.
     """
+
+    input_wait_s = 0.003
 
     def __init__(self, vehicle: int, scenario: Scenario) -> None:
         """Make the planner of vehicle number `vehicle` (from 1).
@@ -30,24 +69,32 @@ class PlannerEcu:
         self.name = f"veh{vehicle}.planner"
         self._vehicle = vehicle
         self._bus = vehicle_bus(vehicle)
-        self._others = [number for number in range(1, count + 1) if number != vehicle]
-        platoon = scenario.platoon
+        self._platoon = scenario.platoon
+        self._emergency = scenario.planner.emergency_braking_mps2
         self._planner = Planner(
             scenario.planner,
-            PlatoonGoal(platoon.lane_y_m, platoon.speed_mps, platoon.gap_m),
+            PlatoonGoal(scenario.platoon.lane_y_m, scenario.platoon.speed_mps, scenario.platoon.gap_m),
             VehicleParameters(),
             vehicle,
             count,
             scenario.seed,
             CYCLE_S,
         )
-        self._position = Topic(self._bus, "VehiclePosition")
-        self._attitude = Topic(self._bus, "VehicleAttitude")
-        self._motion = Topic(self._bus, "VehicleMotion")
-        broadcasts = (topic for number in self._others for topic in _broadcast(number))
-        self.inputs: tuple[Topic, ...] = (self._position, self._attitude, self._motion, *broadcasts)
+        self._grid = {
+            number: Motion(start.x_m, start.y_m, start.speed_mps, start.yaw_rad, 0.0)
+            for number, start in enumerate(scenario.vehicles, start=1)
+        }
+        self._peers = {number: PeerWatch(number) for number in self._grid if number != vehicle}
+        self._own_topics = {message: Topic(self._bus, message) for _, message in _OWN}
+        self.inputs: tuple[Topic, ...] = (
+            *self._own_topics.values(),
+            *(topic for peer in self._peers.values() for topic in peer.topics),
+        )
+        self._own = OwnMotion(VehicleParameters())
+        self._following = Following()
+        self._slots: dict[int, int] = {}
+        self._first_cycle: int | None = None
         self._last_broadcast: Motion | None = None
-        self._peers: dict[int, Motion] = {}
         self._last: PlannerOutput | None = None
         self._optimise_s = 0.0
 
@@ -62,67 +109,141 @@ class PlannerEcu:
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
         """Plan the next cycle's reference and broadcast this cycle's motion."""
         begin = perf_counter()
-        heard_all = self._listen(inputs)
-        own = self._own(inputs)
+        if self._first_cycle is None:
+            self._first_cycle = cycle
+        for peer in self._peers.values():
+            peer.update(inputs, health)
+        own = self._listen(inputs)
+        cause, manoeuvre = self._own.cause, Manoeuvre.NONE
         if own is not None:
             motion, v_x = own
-            if not self._planner.assigned and heard_all and (self._last_broadcast is not None or not self._others):
-                # All broadcasts are of the cycle before, so the own one that counts is that cycle's too.
-                starts = {number: peer.later(-CYCLE_S) for number, peer in self._peers.items()}
-                starts[self._vehicle] = self._last_broadcast or motion
-                self._planner.assign_slots(starts, time_s - CYCLE_S if self._others else time_s)
-            self._last = self._planner.step(cycle, time_s, motion, v_x, self._peers)
-            self._optimise_s = self._last.optimise_s or self._optimise_s
-        state = self._state(heard_all and own is not None)
-        outgoing = self._messages(state, health)
-        if own is not None:
-            outgoing += self._broadcast(own[0])
+            self._following.update(inputs[self._own_topics["ActuatorStatus"]], v_x, motion.yaw_rate)
+            if not self._planner.assigned:
+                self._take_slot(cycle, time_s, motion)
+            manoeuvre = self._plan(cycle, time_s, motion, v_x)
+            cause = max(cause, self._following.cause)
+        cause = max(cause, *(peer.cause for peer in self._peers.values()), Cause.NONE)
+        state = self._state(cause)
+        outgoing = [*self._messages(state, cause, manoeuvre), self._bus_health(health)]
+        outgoing += self._broadcast(own, state, cause, manoeuvre)
         timing = {"OptimisationTime": self._optimise_s, "StepTime": perf_counter() - begin}
         return [*outgoing, Outgoing(self._bus, "PlannerTiming", {k: 1e6 * v for k, v in timing.items()})]
 
-    def _listen(self, inputs: Mapping[Topic, Signals | None]) -> bool:
-        """Bring the others' motion up to this cycle; whether all were heard."""
-        heard_all = True
-        for number in self._others:
-            position, motion = (inputs[topic] for topic in _broadcast(number))
-            if position is not None and motion is not None:
-                peer = Motion(position["X"], position["Y"], motion["Speed"], motion["Course"], motion["YawRate"])
-            elif number in self._peers:
-                peer, heard_all = self._peers[number], False
-            else:
-                heard_all = False
-                continue
-            self._peers[number] = peer.later(CYCLE_S)
-        return heard_all
-
-    def _own(self, inputs: Mapping[Topic, Signals | None]) -> tuple[Motion, float] | None:
-        """Own motion and v_x, or None where a sensor frame is missing."""
-        position, attitude, motion = inputs[self._position], inputs[self._attitude], inputs[self._motion]
-        if position is None or attitude is None or motion is None:
+    def _listen(self, inputs: Mapping[Topic, Signals | None]) -> tuple[Motion, float] | None:
+        """Own motion and v_x, or None while nothing tells it."""
+        frames = {message: inputs[topic] for message, topic in self._own_topics.items()}
+        state = self._own.update(
+            frames["VehiclePosition"],
+            frames["VehicleAttitude"],
+            frames["VehicleMotion"],
+            frames["WheelSpeedsFront"],
+            frames["WheelSpeedsRear"],
+        )
+        if state is None:
             return None
-        v_x, v_y = motion["VelocityX"], motion["VelocityY"]
-        course = math.remainder(attitude["Yaw"] + math.atan2(v_y, v_x), 2.0 * math.pi)
-        return Motion(position["X"], position["Y"], math.hypot(v_x, v_y), course, motion["YawRate"]), v_x
+        return Motion(state.x, state.y, state.speed, state.course, state.yaw_rate), state.v_x
 
-    def _state(self, all_there: bool) -> EcuState:
+    def _take_slot(self, cycle: int, time_s: float, own: Motion) -> None:
+        """Join the platoon under way; else assign slots by the first broadcasts; else, after a while, by the grid."""
+        reports = {n: peer.report for n, peer in self._peers.items() if peer.report is not None and peer.report.slot}
+        waited = cycle - (self._first_cycle or 0) >= WAIT_CYCLES
+        if reports and (len(reports) == len(self._peers) or waited):
+            taken = {number: report.slot for number, report in reports.items()}
+            free = set(range(1, len(self._grid) + 1)) - set(taken.values())
+            leader_x = sum(report.leader_x for report in reports.values()) / len(reports)
+            # Where others are missing too, the hindmost free slot is the one that has most of them ahead.
+            slot = max(free, default=len(self._grid))
+            self._slots = taken | {self._vehicle: slot}
+            self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s)
+            return
+        starts: dict[int, Motion] | None = None
+        started_s = time_s
+        if not self._peers:
+            starts = {self._vehicle: own}
+        elif self._last_broadcast is not None and all(peer.heard for peer in self._peers.values()):
+            # All broadcasts are of the cycle before, so the own one that counts is that cycle's too.
+            heard = {n: peer.motion for n, peer in self._peers.items() if peer.motion is not None}
+            starts = {n: motion.later(-CYCLE_S) for n, motion in heard.items()} | {self._vehicle: self._last_broadcast}
+            started_s = time_s - CYCLE_S
+        elif waited:
+            starts, started_s = self._grid, 0.0
+            for number, peer in self._peers.items():
+                peer.assume(self._grid[number], time_s)
+        if starts is not None:
+            self._slots = self._planner.assign_slots(starts, started_s)
+
+    def _plan(self, cycle: int, time_s: float, own: Motion, v_x: float) -> Manoeuvre:
+        """Plan the next cycle's reference by what has to be done."""
+        if self._planner.assigned and self._following.cause is not Cause.NONE:
+            self._last = self._planner.slow_down(cycle, time_s, own, v_x)
+            manoeuvre = Manoeuvre.SLOW_DOWN
+        else:
+            braking = self._braking(own)
+            way = self._make_way_x(own)
+            self._last = self._planner.step(cycle, time_s, own, v_x, self._neighbours(), braking, way)
+            manoeuvre = Manoeuvre.PLATOON if braking is None else Manoeuvre.FALL_BACK
+        self._following.ask(self._last.v_x, self._last.yaw_rate)
+        self._optimise_s = self._last.optimise_s or self._optimise_s
+        return manoeuvre if self._planner.assigned else Manoeuvre.NONE
+
+    def _neighbours(self) -> dict[int, Motion]:
+        """The others to keep clear of, by number.
+
+        One ahead that is not known is left out, as falling back takes care of it; one behind is taken to coast.
+        """
+        return {
+            number: peer.motion
+            for number, peer in self._peers.items()
+            if peer.motion is not None and not (peer.cause in _UNKNOWN and self._is_ahead(number))
+        }
+
+    def _is_ahead(self, number: int) -> bool:
+        return self._slots.get(number, 0) < self._slots.get(self._vehicle, 0)
+
+    def _braking(self, own: Motion) -> float | None:
+        """How hard to fall back (m/s^2) from vehicles ahead that cannot be trusted; None where all can."""
+        suspects = [peer for n, peer in self._peers.items() if peer.cause in _UNTRUSTED and self._is_ahead(n)]
+        if not suspects:
+            return None
+        braking = self._planner.fall_back_braking(self._slots[self._vehicle])
+        for peer in suspects:
+            if peer.motion is not None and peer.cause is Cause.PEER_UNSAFE:
+                braking = max(braking, _braking_behind(own, peer.motion))
+        return min(braking, self._emergency)
+
+    def _make_way_x(self, own: Motion) -> float | None:
+        """Where to be at least (m): ahead of those behind that cannot be trusted, until they have overtaken."""
+        ahead_of = [
+            peer.motion.X + MAKE_WAY_M
+            for number, peer in self._peers.items()
+            if peer.cause in _UNTRUSTED
+            and peer.motion is not None
+            and not self._is_ahead(number)
+            and -OVERTAKEN_M < own.X - peer.motion.X < MAKE_WAY_M
+        ]
+        return max(ahead_of, default=None)
+
+    def _state(self, cause: Cause) -> EcuState:
         if self._last is None or not self._planner.assigned:
             return EcuState.INIT
-        return EcuState.RUN if all_there else EcuState.DEGRADED
+        if cause >= Cause.ACTUATOR_FAULT:
+            return EcuState.SAFE
+        return EcuState.RUN if cause is Cause.NONE else EcuState.DEGRADED
 
-    def _messages(self, state: EcuState, health: Health) -> list[Outgoing]:
+    def _messages(self, state: EcuState, cause: Cause, manoeuvre: Manoeuvre) -> list[Outgoing]:
         """The reference and the diagnostics."""
-        status: dict[str, float] = {"State": state}
+        status: dict[str, float] = {"State": state, "Cause": cause}
         reference: dict[str, float] = {"ReferenceState": ReferenceState.NONE}
         potential: dict[str, float] = {}
         gains: dict[str, float] = {}
-        target: dict[str, float] = {}
+        target: dict[str, float] = {"Manoeuvre": manoeuvre}
         plan = self._last
         if plan is not None:
-            reference = {
-                "VelocityX": plan.v_x,
-                "YawRate": plan.yaw_rate,
-                "ReferenceState": ReferenceState.DEGRADED if state is EcuState.DEGRADED else ReferenceState.VALID,
-            }
+            worth = ReferenceState.VALID if state in (EcuState.INIT, EcuState.RUN) else ReferenceState.DEGRADED
+            if cause in (Cause.OWN_MOTION_LOST, Cause.VEHICLE_FAULT):
+                # The tracker knows better, or what reaches it is not what was sent: it is to slow down by itself.
+                worth = ReferenceState.NONE
+            reference = {"VelocityX": plan.v_x, "YawRate": plan.yaw_rate, "ReferenceState": worth}
             status |= {
                 "Slot": plan.slot,
                 "Neighbours": plan.neighbours,
@@ -133,27 +254,44 @@ class PlannerEcu:
             names = ("P11", "P12", "P21", "P22")
             potential = {"Ga": float(plan.gains[0]), "Gb": float(plan.gains[1])}
             gains = dict(zip(names, map(float, plan.gains[2:]), strict=True))
-            target = {"TargetX": float(plan.target[0]), "TargetY": float(plan.target[1])}
-        bus_health = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
+            target |= {"TargetX": float(plan.target[0]), "TargetY": float(plan.target[1])}
         return [
             Outgoing(self._bus, "Reference", reference),
             Outgoing(self._bus, "PlannerStatus", status),
             Outgoing(self._bus, "PlannerPotential", potential),
             Outgoing(self._bus, "PlannerGains", gains),
             Outgoing(self._bus, "PlannerTarget", target),
-            Outgoing(self._bus, "PlannerBusHealth", bus_health),
         ]
 
-    def _broadcast(self, motion: Motion) -> list[Outgoing]:
-        """The own motion for the others."""
-        self._last_broadcast = motion
-        position, moving = _broadcast(self._vehicle)
-        return [
-            Outgoing(V2V, position.message, {"X": motion.X, "Y": motion.Y}),
-            Outgoing(V2V, moving.message, {"Speed": motion.speed, "Course": motion.course, "YawRate": motion.yaw_rate}),
-        ]
+    def _bus_health(self, health: Health) -> Outgoing:
+        values: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
+        values |= {signal: health.of(self._own_topics[message]).state for signal, message in _OWN}
+        states = [health.of(topic).state for peer in self._peers.values() for topic in peer.topics]
+        values["PeerReception"] = max(states, default=0)
+        values["PeersLost"] = sum(peer.cause is Cause.PEER_LOST for peer in self._peers.values())
+        return Outgoing(self._bus, "PlannerBusHealth", values)
+
+    def _broadcast(
+        self, own: tuple[Motion, float] | None, state: EcuState, cause: Cause, manoeuvre: Manoeuvre
+    ) -> list[Outgoing]:
+        """What the others are told; of a motion that is not known, nothing."""
+        position, moving, status = broadcast(self._vehicle)
+        slot, leader_x = (self._last.slot, self._last.leader_x) if self._last is not None else (0, 0.0)
+        report = {"State": state, "Slot": slot, "Cause": cause, "LeaderX": leader_x, "Manoeuvre": manoeuvre}
+        messages = [Outgoing(V2V, status.message, report)]
+        if own is not None:
+            motion = self._last_broadcast = own[0]
+            velocity = {"Speed": motion.speed, "Course": motion.course, "YawRate": motion.yaw_rate}
+            messages += [
+                Outgoing(V2V, position.message, {"X": motion.X, "Y": motion.Y}),
+                Outgoing(V2V, moving.message, velocity),
+            ]
+        return messages
 
 
-def _broadcast(vehicle: int) -> tuple[Topic, Topic]:
-    """What a vehicle tells the others: position and motion."""
-    return Topic(V2V, f"V2VPosition_{vehicle}"), Topic(V2V, f"V2VMotion_{vehicle}")
+def _braking_behind(own: Motion, ahead: Motion) -> float:
+    """Braking (m/s^2) that keeps `CLEARANCE_M` to a vehicle ahead that keeps its speed; 0 where none is needed."""
+    closing = own.speed * math.cos(own.course) - ahead.speed * math.cos(ahead.course)
+    if closing <= 0.0 or abs(ahead.Y - own.Y) > LANE_M:
+        return 0.0
+    return closing**2 / (2.0 * max(ahead.X - own.X - CLEARANCE_M, 0.1))

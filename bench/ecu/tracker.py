@@ -6,22 +6,63 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.bus.states import ActuatorState, CommandState, EcuState, ReferenceState
-from bench.bus.topic import Health, Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.reception import Health
+from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
+from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
+from bench.control.brake_steering import BrakeSteering
 from bench.control.semidefinite import SolverStatus
+from bench.control.settings import TrackerSettings
+from bench.control.slow_down import slow_down
 from bench.control.tracker import GainSource, Tracker, TrackerOutput
+from bench.ecu.limits import limits_of, possible
+from bench.ecu.plausibility import OwnMotion, OwnState
 from bench.scenario import CYCLE_S, Scenario
 from platoon_fmu.parameters import VehicleParameters
 
 Reference = tuple[float, float]
+
+REFERENCE_CYCLES = 10
+"""Cycles without a reference after which it is lost: its timeout in the DBC."""
+
+FOLLOWS_MPS = 1.0
+"""How far (m/s) the reference of a vehicle that slows down may be off its speed."""
+
+STEERING_RAD = 1e-3
+"""Difference (rad) between the angle commanded and the one reported that is no quantisation."""
+
+STEERING_CYCLES = 2
+"""Cycles in a row of such a difference after which the steering is taken to be stuck."""
+
+STEERING_RECOVERY_CYCLES = 50
+"""Cycles in a row that it must be as commanded before it is believed again."""
+
+UNANSWERED_CYCLES = 3
+"""Cycles in a row that the actuators have had no commands of this ECU, after which that is a fault."""
+
+DISTURBANCE = np.array([1.0, 4.0, 3.5])
+"""Disturbances (m/s^2, m/s^2, rad/s^2) beyond those of any allowed cornering stiffness: something is broken."""
+
+DISTURBANCE_CYCLES = 5
+"""Cycles in a row of such a disturbance that it takes."""
+
+_OWN = (
+    ("PositionReception", "VehiclePosition"),
+    ("AttitudeReception", "VehicleAttitude"),
+    ("MotionReception", "VehicleMotion"),
+    ("WheelsFrontReception", "WheelSpeedsFront"),
+    ("WheelsRearReception", "WheelSpeedsRear"),
+    ("ActuatorReception", "ActuatorStatus"),
+    ("ReferenceReception", "Reference"),
+)
 
 
 class TrackerEcu:
     """The paper's tracking level as an ECU.
 
     States: *init* until the first reference; *run*; *degraded* while the reference is missing (the last one is held) or
-    degraded, or while the feedback is a fallback; *safe* while the own motion is not known: no command is given, and
-    the actuators hold and then go to their own safe state.
+    degraded, a sensor is replaced by its redundancy, or the feedback is a fallback; *safe* while the reference is lost
+    or the steering does not answer: it slows down in its lane; and while the own motion is not known: no command is
+    given, and the actuators hold and then go to their own safe state. `docs/states.md` has it all.
     """
 
     def __init__(self, vehicle: int, scenario: Scenario) -> None:
@@ -34,43 +75,100 @@ class TrackerEcu:
         self._bus = vehicle_bus(vehicle)
         self._parameters = VehicleParameters()
         self._tracker = Tracker(scenario.tracker, self._parameters, CYCLE_S)
-        self._motion = Topic(self._bus, "VehicleMotion")
-        self._actuators = Topic(self._bus, "ActuatorStatus")
-        self._reference = Topic(self._bus, "Reference")
-        self.inputs: tuple[Topic, ...] = (self._motion, self._actuators, self._reference)
+        self._brake_steering = BrakeSteering(self._parameters, scenario.tracker.wheel_force_max_n, CYCLE_S)
+        self._braking = scenario.planner.slow_down_mps2
+        self._crawl = scenario.planner.speed_min_mps
+        self._topics = {message: Topic(self._bus, message) for _, message in _OWN}
+        self.inputs: tuple[Topic, ...] = tuple(self._topics.values())
+        self._limits = limits_of("vehicle.dbc", "Reference")
+        self._own = OwnMotion(self._parameters)
         self._now: Reference | None = None
+        self._reference_age = 0
         self._commanded: NDArray[np.float64] | None = None
+        self._sent_steering: float | None = None
         self._applied: NDArray[np.float64] = np.zeros(3)
+        self._steering_off = 0
+        self._steering_good = STEERING_RECOVERY_CYCLES
+        self._unanswered = 0
+        self._disturbed = 0
+
+    @staticmethod
+    def warm_up() -> None:
+        """Load the compiled functions by using them once, which processes forked afterwards need not do again."""
+        tracker = Tracker(TrackerSettings(), VehicleParameters(), CYCLE_S)
+        tracker.step(np.array([20.0, 0.0, 0.0]), (20.0, 0.0), (20.1, 0.01))
 
     def step(
         self, _cycle: int, _time_s: float, inputs: Mapping[Topic, Signals | None], health: Health
     ) -> list[Outgoing]:
         """Track this cycle's reference."""
         begin = perf_counter()
-        motion = inputs[self._motion]
-        then, good = self._next_reference(inputs[self._reference])
-        applied = self._really_applied(inputs[self._actuators])
-        out: TrackerOutput | None = None
-        if motion is not None and then is not None:
-            now = self._now or (motion["VelocityX"], motion["YawRate"])
-            xi = np.array([motion["VelocityX"], motion["VelocityY"], motion["YawRate"]])
-            out = self._tracker.step(xi, now, then, applied)
-        self._commanded = None if out is None else out.u
+        frames = {message: inputs[topic] for message, topic in self._topics.items()}
+        own = self._own.update(
+            frames["VehiclePosition"],
+            frames["VehicleAttitude"],
+            frames["VehicleMotion"],
+            frames["WheelSpeedsFront"],
+            frames["WheelSpeedsRear"],
+        )
+        cause = max(self._own.cause, self._watch_steering(frames["ActuatorStatus"]))
+        then, reference_cause = self._next_reference(frames["Reference"], own)
+        slowing = own is not None and (reference_cause is Cause.REFERENCE_LOST or self._steering_stuck)
+        if own is not None and slowing:
+            then = self._slower(own)
+        applied = self._really_applied(frames["ActuatorStatus"])
+        out = None if own is None or then is None else self._track(own, then, applied)
         self._now = then
-        if out is None:
-            state = EcuState.INIT if then is None else EcuState.SAFE
-        else:
-            state = EcuState.RUN if good and out.source is GainSource.SDP else EcuState.DEGRADED
+        cause = max(cause, reference_cause, self._doubts(out))
+        state = self._state(out, cause, slowing=slowing)
+        messages = [
+            *self._commands(state, own, then, out, slowing=slowing),
+            *self._diagnostics(state, cause, out),
+            self._bus_health(health),
+        ]
         solve_s = 0.0 if out is None else out.solve_s
-        messages = [*self._commands(state, out), *self._diagnostics(state, out, health)]
         timing = {"SolveTime": 1e6 * solve_s, "StepTime": 1e6 * (perf_counter() - begin)}
         return [*messages, Outgoing(self._bus, "TrackerTiming", timing)]
 
-    def _next_reference(self, frame: Signals | None) -> tuple[Reference | None, bool]:
-        """The next cycle's reference, the last one where none came, and whether it is fresh and sound."""
-        if frame is None or frame["ReferenceState"] == ReferenceState.NONE:
-            return self._now, False
-        return (frame["VelocityX"], frame["YawRate"]), frame["ReferenceState"] == ReferenceState.VALID
+    @property
+    def _steering_stuck(self) -> bool:
+        return self._steering_good < STEERING_RECOVERY_CYCLES
+
+    def _track(self, own: OwnState, then: Reference, applied: NDArray[np.float64]) -> TrackerOutput:
+        xi = np.array([own.v_x, own.v_y, own.yaw_rate])
+        return self._tracker.step(xi, self._now or (own.v_x, own.yaw_rate), then, applied)
+
+    def _next_reference(self, frame: Signals | None, own: OwnState | None) -> tuple[Reference | None, Cause]:
+        """The next cycle's reference, the last one where none came, and what is wrong with it."""
+        usable = frame is not None and frame["ReferenceState"] != ReferenceState.NONE
+        if frame is not None and usable and possible(self._limits, frame, ("YawRate",)):
+            self._reference_age = 0
+            valid = frame["ReferenceState"] == ReferenceState.VALID
+            return (frame["VelocityX"], frame["YawRate"]), Cause.NONE if valid else Cause.REFERENCE_DEGRADED
+        self._reference_age += 1
+        if self._reference_age >= REFERENCE_CYCLES:
+            return self._now or (None if own is None else (own.v_x, own.yaw_rate)), Cause.REFERENCE_LOST
+        return self._now, Cause.NONE if self._now is None else Cause.REFERENCE_MISSING
+
+    def _slower(self, own: OwnState) -> Reference:
+        """The next reference on the way to a crawl in the lane."""
+        v, gamma = self._now or (own.v_x, own.yaw_rate)
+        v = min(max(v, own.v_x - FOLLOWS_MPS), own.v_x + FOLLOWS_MPS)
+        return slow_down(v, gamma, own.course, self._braking, self._crawl, CYCLE_S)
+
+    def _watch_steering(self, status: Signals | None) -> Cause:
+        """Whether the actuators do as they are told."""
+        if status is None:
+            return Cause.NONE
+        active = ActuatorState(int(status["ActuatorState"])) is ActuatorState.ACTIVE
+        self._unanswered = 0 if active or self._sent_steering is None else self._unanswered + 1
+        if active and self._sent_steering is not None:
+            off = abs(status["SteeringAngle"] - self._sent_steering) > STEERING_RAD
+            self._steering_off = self._steering_off + 1 if off else 0
+            stuck = self._steering_off >= STEERING_CYCLES
+            self._steering_good = 0 if stuck else self._steering_good + (not off)
+        faulty = self._steering_stuck or self._unanswered >= UNANSWERED_CYCLES
+        return Cause.ACTUATOR_FAULT if faulty else Cause.NONE
 
     def _really_applied(self, status: Signals | None) -> NDArray[np.float64]:
         """The virtual input that acted since the last step, as the actuators report it."""
@@ -79,15 +177,53 @@ class TrackerEcu:
             self._applied = self._commanded
         elif state in (ActuatorState.SAFE, ActuatorState.INIT):
             self._applied = np.zeros(3)
+        if status is not None and self._steering_stuck:
+            self._applied = np.array([status["SteeringAngle"], *self._applied[1:]])
         return self._applied
 
-    def _commands(self, state: EcuState, out: TrackerOutput | None) -> list[Outgoing]:
+    def _doubts(self, out: TrackerOutput | None) -> Cause:
+        """What the tracking itself tells of the vehicle and the solver."""
+        broken = out is not None and bool((np.abs(out.disturbance) > DISTURBANCE).any())
+        self._disturbed = self._disturbed + 1 if broken else 0
+        if self._disturbed >= DISTURBANCE_CYCLES:
+            return Cause.VEHICLE_FAULT
+        return Cause.NONE if out is None or out.source is GainSource.SDP else Cause.SOLVER_FALLBACK
+
+    @staticmethod
+    def _state(out: TrackerOutput | None, cause: Cause, *, slowing: bool) -> EcuState:
         if out is None:
+            return EcuState.SAFE if cause in (Cause.OWN_MOTION_LOST, Cause.REFERENCE_LOST) else EcuState.INIT
+        if slowing:
+            return EcuState.SAFE
+        return EcuState.RUN if cause is Cause.NONE else EcuState.DEGRADED
+
+    def _commands(
+        self,
+        state: EcuState,
+        own: OwnState | None,
+        then: Reference | None,
+        out: TrackerOutput | None,
+        *,
+        slowing: bool,
+    ) -> list[Outgoing]:
+        steering, torques = 0.0, np.zeros(4)
+        self._commanded, self._sent_steering = None, None
+        if out is None or own is None or then is None:
             validity = CommandState.NONE
-            steering, torques = 0.0, np.zeros(4)
         else:
             validity = CommandState.VALID if state is EcuState.RUN else CommandState.DEGRADED
-            steering, torques = out.steering, self._parameters.R_w * out.wheel_forces
+            if slowing:
+                validity = CommandState.SAFE
+            steering, forces = out.steering, out.wheel_forces
+            self._commanded = out.u
+            if self._steering_stuck:
+                steering, forces = 0.0, self._brake_steering.forces(own.v_x, own.yaw_rate, *then)
+                left, right = forces[0] + forces[1], forces[2] + forces[3]
+                self._commanded = np.array([0.0, left + right, 0.5 * self._parameters.l_t * (right - left)])
+            else:
+                self._brake_steering.reset()
+            self._sent_steering = steering
+            torques = self._parameters.R_w * forces
         fl, rl, rr, fr = map(float, torques)
         return [
             Outgoing(self._bus, "SteeringCommand", {"SteeringAngle": steering, "CommandState": validity}),
@@ -95,9 +231,10 @@ class TrackerEcu:
             Outgoing(self._bus, "TorqueCommandRear", {"TorqueRL": rl, "TorqueRR": rr}),
         ]
 
-    def _diagnostics(self, state: EcuState, out: TrackerOutput | None, health: Health) -> list[Outgoing]:
+    def _diagnostics(self, state: EcuState, cause: Cause, out: TrackerOutput | None) -> list[Outgoing]:
         status: dict[str, float] = {
             "State": state,
+            "Cause": cause,
             "SolverStatus": SolverStatus.NOT_RUN,
             "GainSource": GainSource.NONE,
         }
@@ -121,12 +258,15 @@ class TrackerEcu:
                 "TrackerReferenceInput": _named(("SteeringAngle", "Force", "YawMoment"), out.reference_u),
                 "TrackerTarget": _named(motion, out.target),
             }
-        bus_health = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
         return [
             Outgoing(self._bus, "TrackerStatus", status),
             *(Outgoing(self._bus, name, values) for name, values in contents.items()),
-            Outgoing(self._bus, "TrackerBusHealth", bus_health),
         ]
+
+    def _bus_health(self, health: Health) -> Outgoing:
+        values: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
+        values |= {signal: health.of(self._topics[message]).state for signal, message in _OWN}
+        return Outgoing(self._bus, "TrackerBusHealth", values)
 
 
 def _named(names: tuple[str, ...], values: NDArray[np.float64]) -> dict[str, float]:

@@ -53,6 +53,7 @@ class CruisePlanner:
             Outgoing(bus, "PlannerTarget", {"TargetX": position["X"], "TargetY": position["Y"]}),
             Outgoing(bus, "PlannerBusHealth", {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}),
             Outgoing("v2v", f"V2VPosition_{self._vehicle}", position),
+            Outgoing("v2v", f"V2VStatus_{self._vehicle}", {"State": 1}),
             Outgoing(
                 "v2v",
                 f"V2VMotion_{self._vehicle}",

@@ -1,0 +1,38 @@
+"""An ECU on its own before the run has begun: it says that it is there."""
+
+import selectors
+import time
+from collections.abc import Mapping
+
+from bench.bus.base import Link
+from bench.bus.codec import Codec
+from bench.bus.states import EcuState
+from bench.bus.topic import vehicle_bus
+from bench.ecu.runtime import EcuNode
+
+SIGN_PERIOD_S = 0.1
+"""Wall-clock time in s between two signs of life, as the DBC has it."""
+
+
+def await_bench(node: EcuNode, role: str, vehicle: int, links: Mapping[str, Link], codecs: Mapping[str, Codec]) -> None:
+    """Wait for the first BenchSync, as long as it takes, and send the status with State Wait until then.
+
+    Nobody takes a status as an input, so it changes nothing for the others.
+
+    Raises:
+        RunFailed: a bus went down.
+    """
+    bus, status = vehicle_bus(vehicle), f"{role.capitalize()}Status"
+    values = codecs[bus].start_values(status) | {"State": EcuState.WAIT}
+    can_id, data = codecs[bus].encode(status, values)
+    next_sign = time.monotonic()
+    with selectors.DefaultSelector() as selector:
+        for link in links.values():
+            selector.register(link.fileno(), selectors.EVENT_READ)
+        while not node.begun:
+            now = time.monotonic()
+            if now >= next_sign:
+                links[bus].send(can_id, data)
+                next_sign = now + SIGN_PERIOD_S
+            if selector.select(next_sign - now):
+                node.poll()

@@ -1,0 +1,65 @@
+"""Whether the own vehicle does what it is told: the planner's view of tracker, actuators, tyres and road."""
+
+from bench.bus.states import ActuatorState, Cause, CommandState
+from bench.bus.topic import Signals
+
+YAW_RATE_RADPS = 0.15
+"""Error (rad/s) of a vehicle that does not follow: a sound one stays within 0.04 on any tyres that are allowed."""
+
+SPEED_MPS = 0.8
+"""The same for the speed: a sound vehicle stays within 0.1."""
+
+PERSISTENT_CYCLES = 5
+"""Cycles in a row that it takes: shorter errors are those of a tracker that is at work."""
+
+RECOVERY_CYCLES = 200
+"""Cycles in a row that the vehicle must have followed before it is trusted again."""
+
+HELD_CYCLES = 3
+"""Cycles in a row without commands after which the tracker is lost."""
+
+
+class Following:
+    """Watches the actuators' status and compares what was asked for with what came of it.
+
+    Attributes:
+        cause: NONE, TRACKER_LOST or VEHICLE_FAULT.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing asked for."""
+        self.cause = Cause.NONE
+        self._asked: tuple[float, float] | None = None
+        self._off = 0
+        self._good = RECOVERY_CYCLES
+        self._waiting = 0
+        self._tracker_lost = False
+
+    def update(self, status: Signals | None, v_x: float, yaw_rate: float) -> None:
+        """Take in one cycle's actuator status and own motion."""
+        if status is not None:
+            self._look(status)
+        self._compare(v_x, yaw_rate)
+        if self._tracker_lost:
+            self.cause = Cause.TRACKER_LOST
+        else:
+            self.cause = Cause.NONE if self._good >= RECOVERY_CYCLES else Cause.VEHICLE_FAULT
+
+    def ask(self, v_x: float, yaw_rate: float) -> None:
+        """Note what the next cycle's motion is to be (m/s, rad/s)."""
+        self._asked = (v_x, yaw_rate)
+
+    def _look(self, status: Signals) -> None:
+        state = ActuatorState(int(status["ActuatorState"]))
+        self._waiting = self._waiting + 1 if state is ActuatorState.INIT else 0
+        held = state is ActuatorState.HOLD and status["HeldCycles"] >= HELD_CYCLES
+        silent = state is ActuatorState.SAFE or held or self._waiting > PERSISTENT_CYCLES
+        self._tracker_lost = silent or status["CommandState"] == CommandState.SAFE
+
+    def _compare(self, v_x: float, yaw_rate: float) -> None:
+        if self._asked is None or self._tracker_lost:
+            self._off = 0
+            return
+        off = abs(v_x - self._asked[0]) > SPEED_MPS or abs(yaw_rate - self._asked[1]) > YAW_RATE_RADPS
+        self._off = self._off + 1 if off else 0
+        self._good = 0 if self._off >= PERSISTENT_CYCLES else self._good + (not off)

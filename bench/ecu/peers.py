@@ -1,0 +1,154 @@
+"""What a vehicle knows of the others: their motion, brought up to now, and how far they can be trusted."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bench.bus.reception import Health
+from bench.bus.states import Cause, EcuState, Manoeuvre
+from bench.bus.topic import CYCLE_MS, V2V, Signals, Topic
+from bench.control.planner import Motion
+from bench.ecu.limits import limits_of, possible
+
+CYCLE_S = CYCLE_MS / 1000
+
+RECOVERY_CYCLES = 20
+"""Cycles in a row that a vehicle must be heard and plausible before it is trusted again."""
+
+POSITION_M = 0.15
+"""Distance (m) between where a vehicle says it is and where its speed and course have taken it, that is no rounding."""
+
+COURSE_RAD = 0.05
+"""The same between its course (rad) and its yaw rate; side-slip builds up less than this."""
+
+COASTING_MPS2 = 0.3
+"""How a vehicle slows down that nobody hears: drag and rolling resistance."""
+
+_PULL = 0.05
+"""As in `bench.ecu.plausibility`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a vehicle says of itself in `V2VStatus`.
+
+    Attributes:
+        state: worst state of its ECUs.
+        cause: why it is not in RUN.
+        slot: its slot from 1; 0 while it has none.
+        leader_x: where the foremost slot is (m), brought up to now by the receiver's speed of the platoon.
+        manoeuvre: what it does.
+    """
+
+    state: EcuState
+    cause: Cause
+    slot: int
+    leader_x: float
+    manoeuvre: Manoeuvre
+
+
+def broadcast(vehicle: int) -> tuple[Topic, Topic, Topic]:
+    """What a vehicle tells the others: position, motion and status."""
+    return (
+        Topic(V2V, f"V2VPosition_{vehicle}"),
+        Topic(V2V, f"V2VMotion_{vehicle}"),
+        Topic(V2V, f"V2VStatus_{vehicle}"),
+    )
+
+
+class PeerWatch:
+    """One other vehicle.
+
+    Attributes:
+        motion: its motion now; None before it has been heard. Without news it is taken to keep its velocity, from when
+            it is lost on to coast.
+        heard: whether its broadcast of the last cycle has come.
+        cause: why it is not trusted: NONE, PEER_MISSING, PEER_LOST, PEER_IMPLAUSIBLE or PEER_UNSAFE.
+        report: what it last said of itself; None before it has said anything.
+    """
+
+    def __init__(self, number: int) -> None:
+        """Watch vehicle `number`."""
+        self.topics = broadcast(number)
+        self.motion: Motion | None = None
+        self.heard = False
+        self.cause = Cause.NONE
+        self.report: Report | None = None
+        self._limits = limits_of("v2v.dbc", self.topics[0].message), limits_of("v2v.dbc", self.topics[1].message)
+        self._reckoned: tuple[float, float, float] | None = None
+        self._agreed = RECOVERY_CYCLES
+        self._lost = False
+
+    def update(self, inputs: Mapping[Topic, Signals | None], health: Health) -> None:
+        """Take in one cycle's broadcast, which was sent in the cycle before."""
+        position, motion, status = (inputs[topic] for topic in self.topics)
+        self._listen(status)
+        lost = any(health.of(topic).lost for topic in self.topics[:2])
+        self.heard = position is not None and motion is not None
+        plausible = True
+        if position is not None and motion is not None:
+            told = Motion(position["X"], position["Y"], motion["Speed"], motion["Course"], motion["YawRate"])
+            plausible = self._is_plausible(told, position, motion)
+            if plausible or self.motion is None:
+                self.motion = told.later(CYCLE_S)
+            else:
+                self.motion = _coasting(self.motion)
+        elif self.motion is not None:
+            self.motion = _coasting(self.motion) if lost else self.motion.later(CYCLE_S)
+            self._reckoned = None
+        self._judge(plausible=plausible, lost=lost)
+
+    def assume(self, start: Motion, since_s: float) -> None:
+        """Take a vehicle that has not been heard yet to coast since `since_s` seconds from where it started."""
+        if self.motion is None:
+            way = since_s * (start.speed - 0.5 * COASTING_MPS2 * since_s)
+            x, y = start.X + way * math.cos(start.course), start.Y + way * math.sin(start.course)
+            self.motion = Motion(x, y, max(start.speed - COASTING_MPS2 * since_s, 0.0), start.course, 0.0)
+
+    def _listen(self, status: Signals | None) -> None:
+        if status is not None:
+            self.report = Report(
+                EcuState(int(status["State"])),
+                Cause(int(status["Cause"])),
+                int(status["Slot"]),
+                status["LeaderX"],
+                Manoeuvre(int(status["Manoeuvre"])),
+            )
+
+    def _judge(self, *, plausible: bool, lost: bool) -> None:
+        if lost or not plausible:
+            self._agreed = 0
+            self._lost = lost
+        elif self.heard:
+            self._agreed += 1
+        report = self.report
+        if self._agreed < RECOVERY_CYCLES:
+            self.cause = Cause.PEER_LOST if self._lost else Cause.PEER_IMPLAUSIBLE
+        elif report is not None and (
+            report.state is EcuState.SAFE or report.manoeuvre in (Manoeuvre.SLOW_DOWN, Manoeuvre.FALL_BACK)
+        ):
+            self.cause = Cause.PEER_UNSAFE
+        else:
+            self.cause = Cause.NONE if self.heard else Cause.PEER_MISSING
+
+    def _is_plausible(self, told: Motion, position: Signals, motion: Signals) -> bool:
+        in_range = possible(self._limits[0], position, ("X", "Y")) and possible(self._limits[1], motion, ("YawRate",))
+        if not in_range or not self._limits[1]["Speed"].high > told.speed >= self._limits[1]["Speed"].low:
+            self._reckoned = None
+            return False
+        if self._reckoned is None:
+            self._reckoned = (told.X, told.Y, told.course)
+            return True
+        x, y, course = self._reckoned
+        x += CYCLE_S * told.speed * math.cos(told.course)
+        y += CYCLE_S * told.speed * math.sin(told.course)
+        course += CYCLE_S * told.yaw_rate
+        off_x, off_y = told.X - x, told.Y - y
+        turned = math.remainder(told.course - course, 2.0 * math.pi)
+        self._reckoned = (x + _PULL * off_x, y + _PULL * off_y, course + _PULL * turned)
+        return math.hypot(off_x, off_y) <= POSITION_M and abs(turned) <= COURSE_RAD
+
+
+def _coasting(motion: Motion) -> Motion:
+    later = motion.later(CYCLE_S)
+    return Motion(later.X, later.Y, max(motion.speed - COASTING_MPS2 * CYCLE_S, 0.0), motion.course, 0.0)

@@ -1,0 +1,93 @@
+"""The base of one's own planner: it is called with the own motion and the others', and answers with a reference."""
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterable, Mapping
+from typing import ClassVar, final
+
+from bench.bus.reception import ReceptionState
+from bench.bus.states import EcuState, ReferenceState
+from bench.bus.topic import V2V, Outgoing, Topic
+from bench.ecu.ecu_base import EcuBase
+from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference
+
+
+class PlannerBase(EcuBase):
+    """A planner: what sets the tracker's reference, with regard to the other vehicles.
+
+    It calls `plan` in every cycle in which the own sensors are there, and broadcasts the own motion. States, on the bus
+    in `PlannerStatus` and `V2VStatus_i`: *init* until the first plan; *run*; *degraded* while own sensors are missing,
+    when the last reference is held and no motion is broadcast, or while a vehicle is not heard.
+    """
+
+    role: ClassVar[str] = "planner"
+
+    _reference: Reference | None = None
+
+    @abstractmethod
+    def plan(self, pose: Pose, motion: Motion, peers: Mapping[int, Peer]) -> Reference:
+        """Return the reference for the next cycle.
+
+        The outcome must follow from the arguments and earlier calls alone: no clock, no I/O.
+
+        Args:
+            pose: where the own vehicle is.
+            motion: how it moves.
+            peers: the other vehicles that were heard in this cycle, by number; in the first cycle none.
+        """
+
+    @property
+    def _others(self) -> list[int]:
+        return [number for number in range(1, len(self.scenario.vehicles) + 1) if number != self.vehicle]
+
+    def _own_inputs(self) -> Iterable[Topic]:
+        yield from map(self._topic, (POSITION, ATTITUDE, MOTION))
+        for number in self._others:
+            yield from _broadcast(number)
+
+    @final
+    def _work(self) -> tuple[list[Outgoing], EcuState]:
+        position, attitude, motion = (self.received(name) for name in (POSITION, ATTITUDE, MOTION))
+        peers = self._heard()
+        self.show("PlannerStatus", Neighbours=len(peers))
+        broadcast: list[Outgoing] = []
+        state = EcuState.RUN if len(peers) == len(self._others) else EcuState.DEGRADED
+        if position is None or attitude is None or motion is None:
+            state = EcuState.DEGRADED
+        else:
+            pose, moving = Pose.read(position, attitude), Motion.read(motion)
+            self._reference = self.plan(pose, moving, peers)
+            broadcast = self._outgoing(_as_peer(pose, moving).messages(self.vehicle), V2V)
+        if self.cycle == 0 and broadcast:
+            # Nobody can have been heard yet.
+            state = EcuState.RUN
+        worth = ReferenceState.VALID if state is EcuState.RUN else ReferenceState.DEGRADED
+        if self._reference is None:
+            state, worth = EcuState.INIT, ReferenceState.NONE
+        reference = self._reference or Reference(0.0)
+        broadcast += self._outgoing({f"V2VStatus_{self.vehicle}": {"State": state}}, V2V)
+        return [*self._outgoing(reference.messages(worth)), *broadcast], state
+
+    def _bus_health(self) -> dict[str, float]:
+        peers = {number: [self.health.of(topic) for topic in _broadcast(number)] for number in self._others}
+        worst = max((reception.state for each in peers.values() for reception in each), default=ReceptionState.INIT)
+        lost = sum(any(reception.lost for reception in each) for each in peers.values())
+        return {**super()._bus_health(), "PeerReception": float(worst), "PeersLost": float(lost)}
+
+    def _heard(self) -> dict[int, Peer]:
+        peers = {}
+        for number in self._others:
+            position, motion = (self._received[topic] for topic in _broadcast(number))
+            if position is not None and motion is not None:
+                peers[number] = Peer.read(position, motion)
+        return peers
+
+
+def _broadcast(vehicle: int) -> tuple[Topic, Topic]:
+    return Topic(V2V, f"V2VPosition_{vehicle}"), Topic(V2V, f"V2VMotion_{vehicle}")
+
+
+def _as_peer(pose: Pose, motion: Motion) -> Peer:
+    """The own vehicle as the others see it."""
+    course = math.remainder(pose.yaw + math.atan2(motion.v_y, motion.v_x), 2.0 * math.pi)
+    return Peer(pose.x, pose.y, math.hypot(motion.v_x, motion.v_y), course, motion.yaw_rate)

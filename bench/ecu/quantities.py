@@ -1,0 +1,150 @@
+"""What a controller takes and gives, in SI units and ISO 8855 axes: one place for the signals' names.
+
+The messages are those of `dbc/vehicle.dbc` and `dbc/v2v.dbc`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from bench.bus.states import CommandState, ReferenceState
+from bench.bus.topic import Signals
+
+POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"
+STEERING, TORQUES_FRONT, TORQUES_REAR = "SteeringCommand", "TorqueCommandFront", "TorqueCommandRear"
+
+RECEPTIONS = {
+    POSITION: "PositionReception",
+    ATTITUDE: "AttitudeReception",
+    MOTION: "MotionReception",
+    "WheelSpeedsFront": "WheelsFrontReception",
+    "WheelSpeedsRear": "WheelsRearReception",
+    "ActuatorStatus": "ActuatorReception",
+    REFERENCE: "ReferenceReception",
+}
+"""The signals of an ECU's bus health that show how its inputs are received."""
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """How a vehicle moves, in its own axes (x forward, y to the left).
+
+    Attributes:
+        v_x: longitudinal velocity of the centre of mass (m/s).
+        v_y: lateral velocity (m/s).
+        yaw_rate: positive to the left (rad/s).
+    """
+
+    v_x: float
+    v_y: float
+    yaw_rate: float
+
+    @classmethod
+    def read(cls, motion: Signals) -> Self:
+        """Read a `VehicleMotion`."""
+        return cls(motion["VelocityX"], motion["VelocityY"], motion["YawRate"])
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where a vehicle is, in the road frame (X along the road, Y to the left).
+
+    Attributes:
+        x: position of the centre of mass along the road (m).
+        y: across it (m).
+        yaw: heading, 0 along the road, positive to the left (rad).
+    """
+
+    x: float
+    y: float
+    yaw: float
+
+    @classmethod
+    def read(cls, position: Signals, attitude: Signals) -> Self:
+        """Read a `VehiclePosition` and a `VehicleAttitude`."""
+        return cls(position["X"], position["Y"], attitude["Yaw"])
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """Another vehicle, as its broadcast tells: where it was and how it moved in the cycle before.
+
+    Attributes:
+        x: position of the centre of mass along the road (m).
+        y: across it (m).
+        speed: of the centre of mass (m/s).
+        course: direction of the velocity, 0 along the road, positive to the left (rad).
+        yaw_rate: positive to the left (rad/s).
+    """
+
+    x: float
+    y: float
+    speed: float
+    course: float
+    yaw_rate: float
+
+    @classmethod
+    def read(cls, position: Signals, motion: Signals) -> Self:
+        """Read a `V2VPosition_i` and a `V2VMotion_i`."""
+        return cls(position["X"], position["Y"], motion["Speed"], motion["Course"], motion["YawRate"])
+
+    def messages(self, vehicle: int) -> dict[str, Signals]:
+        """Return the broadcast of vehicle number `vehicle`."""
+        return {
+            f"V2VPosition_{vehicle}": {"X": self.x, "Y": self.y},
+            f"V2VMotion_{vehicle}": {"Speed": self.speed, "Course": self.course, "YawRate": self.yaw_rate},
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What a planner asks of the tracker for the next cycle.
+
+    Attributes:
+        v_x: longitudinal velocity (m/s).
+        yaw_rate: positive to the left (rad/s).
+    """
+
+    v_x: float
+    yaw_rate: float = 0.0
+
+    @classmethod
+    def read(cls, reference: Signals) -> Self:
+        """Read a `Reference`."""
+        return cls(reference["VelocityX"], reference["YawRate"])
+
+    def messages(self, state: ReferenceState) -> dict[str, Signals]:
+        """Return the message, worth `state`."""
+        return {REFERENCE: {"VelocityX": self.v_x, "YawRate": self.yaw_rate, "ReferenceState": state}}
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a tracker asks of the actuators for this cycle.
+
+    Attributes:
+        steering_angle: of the front wheels, positive to the left (rad).
+        torque_fl: on the front left wheel, positive drives forward (N m).
+        torque_fr: on the front right wheel (N m).
+        torque_rl: on the rear left wheel (N m).
+        torque_rr: on the rear right wheel (N m).
+    """
+
+    steering_angle: float = 0.0
+    torque_fl: float = 0.0
+    torque_fr: float = 0.0
+    torque_rl: float = 0.0
+    torque_rr: float = 0.0
+
+    @classmethod
+    def evenly(cls, wheel_torque: float, steering_angle: float = 0.0) -> Self:
+        """Return a command with the same torque (N m) on every wheel."""
+        return cls(steering_angle, wheel_torque, wheel_torque, wheel_torque, wheel_torque)
+
+    def messages(self, state: CommandState) -> Mapping[str, Signals]:
+        """Return the three messages, worth `state`."""
+        return {
+            STEERING: {"SteeringAngle": self.steering_angle, "CommandState": state},
+            TORQUES_FRONT: {"TorqueFL": self.torque_fl, "TorqueFR": self.torque_fr},
+            TORQUES_REAR: {"TorqueRL": self.torque_rl, "TorqueRR": self.torque_rr},
+        }

@@ -1,0 +1,56 @@
+/* What the tracker sends: its commands and its diagnostics, by the DBC. */
+#ifndef OUTGOING_H
+#define OUTGOING_H
+
+#include <stdint.h>
+
+#include "control.h"
+
+#define CYCLE_MS 10u
+
+/* The DBC's value tables of State, and of CommandState and ReferenceState. */
+enum ecu_state { STATE_INIT = 0, STATE_RUN = 1, STATE_DEGRADED = 2, STATE_SAFE = 3, STATE_WAIT = 4 };
+enum worth { WORTH_NONE = 0, WORTH_VALID = 1, WORTH_DEGRADED = 2 };
+
+/* The DBC's value table of how an input is received. */
+enum reception {
+    RECEPTION_INIT = 0,
+    RECEPTION_OK = 1,
+    RECEPTION_MISSING = 2,
+    RECEPTION_REPEATED = 3,
+    RECEPTION_WRONG_SEQUENCE = 4,
+    RECEPTION_ERROR = 5,
+    RECEPTION_LOST = 6,
+};
+
+/* What TrackerBusHealth tells of the receiver. */
+struct health {
+    unsigned errors; /* frames refused so far */
+    enum reception motion, reference;
+};
+
+/* Where to send, and the cycle whose number the alive counters carry. */
+struct outgoing {
+    int socket;
+    uint32_t cycle;
+};
+
+/* Says on standard error what went wrong (errno), and ends with exit code 1. */
+void fail(const char *what);
+
+/* The E2E data id of a message; 0 where it is not protected. */
+uint16_t data_id_of(uint32_t id);
+
+/* The time without a good frame (ms) after which a protected message is lost. */
+unsigned timeout_of(uint32_t id);
+
+/* The three commands, with E2E protection. */
+void send_commands(struct outgoing out, struct command command, enum worth worth);
+
+/* TrackerStatus alone. */
+void send_status(struct outgoing out, enum ecu_state state);
+
+/* All diagnostics that are due in this cycle. */
+void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health);
+
+#endif

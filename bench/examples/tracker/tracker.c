@@ -1,0 +1,373 @@
+/* A tracker of one's own in C, on SocketCAN: tracker vcan1 drives vehicle 1.
+ *
+ * platoon run --can vcan --without veh1.tracker
+ *
+ * What a participant owes the bench, all of it in dbc/vehicle.dbc:
+ * - Until its first BenchSync it sends its status with State Wait every 100 ms: so the bench knows that it is there.
+ * - BenchSync opens a cycle. In virtual time (Run) it waits for all its inputs of that cycle, told by their alive
+ *   counter, which is the cycle modulo 15; on the wall clock (RunRealtime) no longer than INPUT_WAIT_MS.
+ * - BenchAbsent tells, in virtual time, that a frame of this cycle will not come. If that frame is one of its own, the
+ *   others have gone on without it, and it leaves the cycle out.
+ * - It answers with its three commands, whose counter is the cycle modulo 15, and with those diagnostics that are due.
+ * - It ends when BenchSync says Stop.
+ */
+#include <errno.h>
+#include <linux/can.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <poll.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "control.h"
+#include "e2e.h"
+#include "outgoing.h"
+#include "vehicle.h"
+
+#define WAIT_PERIOD_MS 100     /* between two signs of life before the first BenchSync */
+#define INPUT_WAIT_MS 5        /* in real time, for the inputs after BenchSync */
+#define SILENCE_MS 10000       /* without a frame once the bench runs: it is gone */
+
+/* The DBC's value table of Command. */
+enum sync_command { SYNC_STOP = 0, SYNC_RUN = 1, SYNC_RUN_REALTIME = 2 };
+enum { MOTION, REFERENCE, INPUTS };
+
+/* A message that is taken, and what of it has come for the cycle. */
+struct input {
+    uint32_t id;
+    uint8_t length;
+    struct e2e_receiver receiver;
+    bool fresh;      /* a good frame waits for its step */
+    bool settled;    /* nothing more will come in this cycle */
+    unsigned age_ms; /* since the last good frame */
+    unsigned timeout_ms;
+    enum reception refused; /* why the newest frame was refused since the last step; RECEPTION_OK where none was */
+    enum reception reception;
+    uint8_t data[CAN_MAX_DLEN];
+};
+
+struct tracker {
+    int socket;
+    struct input inputs[INPUTS];
+    struct e2e_receiver sync, absent;
+    bool heard;    /* a BenchSync has come */
+    bool open;     /* the cycle waits for its step */
+    bool realtime;
+    uint32_t cycle;
+    int64_t opened_ms;
+    bool has_reference;
+    struct motion reference;
+    unsigned held_ms; /* since the last reference to be used */
+    unsigned errors;           /* frames refused */
+    unsigned errors_at_sync;   /* the same at the newest BenchSync: what this cycle reports */
+};
+
+static int64_t now_ms(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
+}
+
+/* --- one cycle --- */
+
+/* Takes in the reference; the state that follows from it. */
+static enum ecu_state take_reference(struct tracker *tracker)
+{
+    const struct input *input = &tracker->inputs[REFERENCE];
+    if (input->fresh) {
+        struct vehicle_reference_t frame;
+        vehicle_reference_unpack(&frame, input->data, VEHICLE_REFERENCE_LENGTH);
+        if (frame.reference_state != WORTH_NONE) {
+            tracker->has_reference = true;
+            tracker->held_ms = 0;
+            tracker->reference.v_x = vehicle_reference_velocity_x_decode(frame.velocity_x);
+            tracker->reference.yaw_rate = vehicle_reference_yaw_rate_decode(frame.yaw_rate);
+            return frame.reference_state == WORTH_VALID ? STATE_RUN : STATE_DEGRADED;
+        }
+    }
+    if (!tracker->has_reference) {
+        return STATE_INIT;
+    }
+    /* Missing, or with state None: the last one counts as long as the DBC's timeout. */
+    tracker->held_ms += CYCLE_MS;
+    return tracker->held_ms >= input->timeout_ms ? STATE_SAFE : STATE_DEGRADED;
+}
+
+/* Brings up to this cycle how each input is received. */
+static void age_inputs(struct tracker *tracker)
+{
+    for (int i = 0; i < INPUTS; i++) {
+        struct input *input = &tracker->inputs[i];
+        if (input->fresh) {
+            input->age_ms = 0;
+            input->reception = RECEPTION_OK;
+        } else {
+            e2e_missed(&input->receiver);
+            input->age_ms += CYCLE_MS;
+            if (input->age_ms >= input->timeout_ms) {
+                input->reception = RECEPTION_LOST;
+            } else if (input->refused != RECEPTION_OK) {
+                input->reception = input->refused;
+            } else if (input->reception != RECEPTION_INIT) {
+                input->reception = RECEPTION_MISSING;
+            }
+        }
+        input->refused = RECEPTION_OK;
+    }
+}
+
+static void end_cycle(struct tracker *tracker)
+{
+    for (int i = 0; i < INPUTS; i++) {
+        tracker->inputs[i].fresh = tracker->inputs[i].settled = false;
+    }
+    tracker->open = false;
+}
+
+/* Leaves a cycle out that the others have gone through without this ECU. */
+static void skip_cycle(struct tracker *tracker)
+{
+    age_inputs(tracker);
+    end_cycle(tracker);
+}
+
+static void step(struct tracker *tracker)
+{
+    age_inputs(tracker);
+    enum ecu_state state = take_reference(tracker);
+    struct command command = {0};
+    enum worth worth = WORTH_NONE;
+    if (!tracker->inputs[MOTION].fresh && state != STATE_INIT) {
+        /* Without the own motion there is no command: the actuators hold, then go to their safe state. */
+        state = STATE_SAFE;
+    }
+    if (state == STATE_RUN || state == STATE_DEGRADED) {
+        struct vehicle_vehicle_motion_t frame;
+        vehicle_vehicle_motion_unpack(&frame, tracker->inputs[MOTION].data, VEHICLE_VEHICLE_MOTION_LENGTH);
+        struct motion motion = {
+            .v_x = vehicle_vehicle_motion_velocity_x_decode(frame.velocity_x),
+            .yaw_rate = vehicle_vehicle_motion_yaw_rate_decode(frame.yaw_rate),
+        };
+        command = control(motion, tracker->reference);
+        worth = state == STATE_RUN ? WORTH_VALID : WORTH_DEGRADED;
+    }
+    struct outgoing out = {tracker->socket, tracker->cycle};
+    send_commands(out, command, worth);
+    struct health health = {
+        .errors = tracker->errors_at_sync,
+        .motion = tracker->inputs[MOTION].reception,
+        .reference = tracker->inputs[REFERENCE].reception,
+    };
+    send_diagnostics(out, state, health);
+    end_cycle(tracker);
+}
+
+/* --- receiving --- */
+
+/* Takes a BenchSync; whether it says Stop. */
+static bool take_sync(struct tracker *tracker, const struct can_frame *frame)
+{
+    size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
+    enum e2e_status status = e2e_check(&tracker->sync, frame->data, length);
+    tracker->errors += status != E2E_OK;
+    if (status == E2E_ERROR || status == E2E_REPEATED) {
+        return false;
+    }
+    struct vehicle_bench_sync_t sync;
+    vehicle_bench_sync_unpack(&sync, frame->data, frame->can_dlc);
+    if (sync.command == SYNC_STOP) {
+        return true;
+    }
+    if (tracker->open) {
+        /* Only on the wall clock, or where the others went on without this ECU: what it waited for is past. */
+        skip_cycle(tracker);
+    }
+    tracker->heard = tracker->open = true;
+    tracker->errors_at_sync = tracker->errors;
+    tracker->realtime = sync.command == SYNC_RUN_REALTIME;
+    tracker->cycle = sync.cycle;
+    tracker->opened_ms = now_ms();
+    return false;
+}
+
+static void take_absent(struct tracker *tracker, const struct can_frame *frame)
+{
+    if (frame->can_dlc != VEHICLE_BENCH_ABSENT_LENGTH ||
+        e2e_check(&tracker->absent, frame->data, frame->can_dlc) == E2E_ERROR) {
+        tracker->errors++;
+        return;
+    }
+    struct vehicle_bench_absent_t absent;
+    vehicle_bench_absent_unpack(&absent, frame->data, frame->can_dlc);
+    if (!tracker->open || absent.cycle != tracker->cycle) {
+        return;
+    }
+    if (absent.identifier == VEHICLE_STEERING_COMMAND_FRAME_ID) {
+        skip_cycle(tracker);
+    }
+    for (int i = 0; i < INPUTS; i++) {
+        tracker->inputs[i].settled |= tracker->inputs[i].id == absent.identifier;
+    }
+}
+
+static void take_input(struct tracker *tracker, struct input *input, const struct can_frame *frame)
+{
+    size_t length = frame->can_dlc == input->length ? frame->can_dlc : 0;
+    enum e2e_status status = e2e_check(&input->receiver, frame->data, length);
+    bool of_this_cycle = tracker->open && input->receiver.counter == (int)(tracker->cycle % E2E_COUNTER_MODULUS);
+    if (status == E2E_OK && !of_this_cycle) {
+        /* Late by whole cycles is as bad as out of sequence. */
+        status = E2E_WRONG_SEQUENCE;
+    }
+    if (status != E2E_OK) {
+        static const enum reception refused[] = {
+            [E2E_REPEATED] = RECEPTION_REPEATED,
+            [E2E_WRONG_SEQUENCE] = RECEPTION_WRONG_SEQUENCE,
+            [E2E_ERROR] = RECEPTION_ERROR,
+        };
+        tracker->errors++;
+        input->refused = refused[status];
+    }
+    if ((status == E2E_OK || status == E2E_WRONG_SEQUENCE) && of_this_cycle) {
+        input->settled = true;
+        input->fresh = status == E2E_OK;
+        memcpy(input->data, frame->data, length);
+    }
+}
+
+static bool is_complete(const struct tracker *tracker)
+{
+    for (int i = 0; i < INPUTS; i++) {
+        if (!tracker->inputs[i].settled) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* Takes one frame; whether the bench has stopped. */
+static bool take(struct tracker *tracker, const struct can_frame *frame)
+{
+    if (frame->can_id == VEHICLE_BENCH_SYNC_FRAME_ID) {
+        return take_sync(tracker, frame);
+    }
+    if (frame->can_id == VEHICLE_BENCH_ABSENT_FRAME_ID) {
+        take_absent(tracker, frame);
+    }
+    for (int i = 0; i < INPUTS; i++) {
+        if (frame->can_id == tracker->inputs[i].id) {
+            take_input(tracker, &tracker->inputs[i], frame);
+        }
+    }
+    return false;
+}
+
+/* Takes all frames that have come, before any step: what was waited for may be past. Whether the bench has stopped. */
+static bool take_all(struct tracker *tracker)
+{
+    struct can_frame frame;
+    while (recv(tracker->socket, &frame, sizeof frame, MSG_DONTWAIT) == (ssize_t)sizeof frame) {
+        if (take(tracker, &frame)) {
+            return true;
+        }
+    }
+    if (errno != EAGAIN && errno != EINTR) {
+        fail("no frames can be received");
+    }
+    return false;
+}
+
+static int wait_ms(const struct tracker *tracker)
+{
+    if (!tracker->heard) {
+        return WAIT_PERIOD_MS;
+    }
+    if (!tracker->open || !tracker->realtime) {
+        return SILENCE_MS;
+    }
+    int64_t left = tracker->opened_ms + INPUT_WAIT_MS - now_ms();
+    return left > 0 ? (int)left : 0;
+}
+
+/* Serves until the bench stops; the exit code. */
+static int serve(struct tracker *tracker)
+{
+    struct pollfd waiting = {.fd = tracker->socket, .events = POLLIN};
+    int64_t next_sign_ms = 0;
+    for (;;) {
+        if (!tracker->heard && now_ms() >= next_sign_ms) {
+            send_status((struct outgoing){.socket = tracker->socket}, STATE_WAIT);
+            next_sign_ms = now_ms() + WAIT_PERIOD_MS;
+        }
+        int count = poll(&waiting, 1, wait_ms(tracker));
+        if (count < 0 && errno != EINTR) {
+            fail("waiting for frames");
+        }
+        if (count > 0) {
+            if (take_all(tracker)) {
+                return 0;
+            }
+        } else if (count == 0 && tracker->heard && !(tracker->open && tracker->realtime)) {
+            fprintf(stderr, "tracker: no frame for %d s; is the bench still running?\n", SILENCE_MS / 1000);
+            return 1;
+        }
+        bool waited = tracker->realtime && now_ms() - tracker->opened_ms >= INPUT_WAIT_MS;
+        if (tracker->open && (is_complete(tracker) || waited)) {
+            step(tracker);
+        }
+    }
+}
+
+static void init_input(struct input *input, uint32_t id, uint8_t length)
+{
+    *input = (struct input){.id = id, .length = length, .timeout_ms = timeout_of(id), .refused = RECEPTION_OK};
+    e2e_receiver_init(&input->receiver, data_id_of(id));
+}
+
+static int open_link(const char *link)
+{
+    int can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
+    if (can < 0) {
+        fail("this kernel has no SocketCAN");
+    }
+    struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(link)};
+    if (address.can_ifindex == 0) {
+        fprintf(stderr, "tracker: there is no CAN link %s; `ip link show` lists those that are\n", link);
+        exit(1);
+    }
+    const struct can_filter wanted[] = {
+        {VEHICLE_BENCH_SYNC_FRAME_ID, CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG},
+        {VEHICLE_BENCH_ABSENT_FRAME_ID, CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG},
+        {VEHICLE_VEHICLE_MOTION_FRAME_ID, CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG},
+        {VEHICLE_REFERENCE_FRAME_ID, CAN_SFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG},
+    };
+    if (setsockopt(can, SOL_CAN_RAW, CAN_RAW_FILTER, wanted, sizeof wanted) < 0 ||
+        bind(can, (struct sockaddr *)&address, sizeof address) < 0) {
+        fail(link);
+    }
+    return can;
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 2) {
+        fprintf(stderr, "usage: tracker LINK    e.g. tracker vcan1 for vehicle 1\n");
+        return 2;
+    }
+    struct tracker tracker = {.socket = open_link(argv[1])};
+    init_input(&tracker.inputs[MOTION], VEHICLE_VEHICLE_MOTION_FRAME_ID, VEHICLE_VEHICLE_MOTION_LENGTH);
+    init_input(&tracker.inputs[REFERENCE], VEHICLE_REFERENCE_FRAME_ID, VEHICLE_REFERENCE_LENGTH);
+    e2e_receiver_init(&tracker.sync, data_id_of(VEHICLE_BENCH_SYNC_FRAME_ID));
+    e2e_receiver_init(&tracker.absent, data_id_of(VEHICLE_BENCH_ABSENT_FRAME_ID));
+    fprintf(stderr, "tracker listens on %s\n", argv[1]);
+    int code = serve(&tracker);
+    close(tracker.socket);
+    return code;
+}

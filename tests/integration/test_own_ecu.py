@@ -1,0 +1,228 @@
+"""Runs with ECUs of one's own: the examples in Python, ECUs that are started by hand, the tracker in C on SocketCAN."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.analysis.metrics import compute
+from bench.bus.address import Address
+from bench.bus.link import settle
+from bench.bus.states import ActuatorState, EcuState
+from bench.conductor.run import run
+from bench.ecu.main import DEFAULT_ECUS
+from bench.errors import BadInput
+from bench.record.compare import diff
+from bench.record.reader import Run
+from bench.scenario import load
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "bench" / "examples"
+SIMPLE = {
+    "planner": f"{ROOT}/tests/ecus/simple.py:CruisePlanner",
+    "tracker": f"{ROOT}/tests/ecus/simple.py:SpeedTracker",
+}
+OWN = {"planner": f"{EXAMPLES}/follow.py:Follow", "tracker": f"{EXAMPLES}/single_track.py:SingleTrack"}
+SINGLE_TRACK = {"planner": SIMPLE["planner"], "tracker": f"{EXAMPLES}/single_track.py:SingleTrack"}
+PLATOON = [sys.executable, "-m", "bench.cli"]
+GUARD_S = 120.0
+
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def begin() -> Iterator[Start]:
+    """Start a command, and see to its end."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(*command: str) -> subprocess.Popen[str]:
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        started.append(subprocess.Popen(command, cwd=ROOT, text=True, **pipes))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def log(out: Path, ecus: dict[str, str], *overrides: str, can: str = "direct") -> Path:
+    return run(load("formation", overrides), address=Address.parse(can), out=out, command_line=["test"], ecus=ecus).path
+
+
+def state(recorded: Run, bus: str, role: str = "Tracker") -> list[int]:
+    return [int(value) for value in recorded.signal(bus, f"{role}Status", "State")[1]]
+
+
+def ports() -> int:
+    """UDP ports that no bench takes unasked, others for each worker."""
+    return 61000 + os.getpid() % 400 * 8
+
+
+def test_the_examples_drive(tmp_path: Path) -> None:
+    recorded = Run(log(tmp_path / "run.mcap", OWN, "duration_s=12.0", "platoon.gap_m=12.0", "platoon.speed_mps=22.0"))
+    assert recorded.metadata["e2e_errors"] == "0"
+    speeds = [recorded.signal(bus, "VehicleMotion", "VelocityX")[1][-1] for bus in ("veh1", "veh2", "veh3")]
+    assert speeds == pytest.approx([22.0] * 3, abs=1.0)
+    x = sorted(recorded.signal(bus, "VehiclePosition", "X")[1][-1] for bus in ("veh1", "veh2", "veh3"))
+    assert np.diff(x) == pytest.approx([12.0, 12.0], abs=1.5)
+    for bus in ("veh1", "veh2", "veh3"):
+        assert set(state(recorded, bus)) == set(state(recorded, bus, "Planner")) == {EcuState.RUN}
+        assert set(recorded.signal(bus, "PlannerStatus", "Neighbours")[1][1:]) == {2}
+
+
+def test_the_tracker_of_the_readme_forms_the_platoon_with_the_planner_of_the_paper(tmp_path: Path) -> None:
+    recorded = Run(log(tmp_path / "run.mcap", {**DEFAULT_ECUS, "tracker": OWN["tracker"]}))
+    figures = compute(recorded)
+    assert figures.formation_time_s is not None
+    assert figures.formation_time_s < 8.0
+    assert set(state(recorded, "veh1")) == {EcuState.RUN}
+
+
+@pytest.mark.parametrize("early", [True, False], ids=["before the run", "after the run"])
+def test_an_ecu_is_started_by_hand(begin: Start, start: Callable[..., object], tmp_path: Path, early: bool) -> None:
+    can = f"udp:{ports()}"
+    hand = [*PLATOON, "ecu", "tracker", "--vehicle", "2", "--can", can, "--class", SIMPLE["tracker"]]
+    ecu = begin(*hand) if early else None
+    if ecu is not None:
+        assert ecu.stderr is not None
+        assert ecu.stderr.readline() == f"veh2.tracker listens on veh2 at udp:{ports() + 2}\n"
+    bench = start(set=["duration_s=0.5"], can=can, without=["veh2.tracker"])
+    assert bench.process.stdout.readline() == f"waiting for veh2.tracker on udp:{ports() + 2} (at most 60 s) ...\n"
+    ecu = ecu or begin(*hand)
+    assert bench.end()[::2] == (0, "")
+    ecu.communicate(timeout=GUARD_S)
+    assert ecu.returncode == 0
+    recorded = Run(bench.out)
+    assert not any("not due" in event.text for event in recorded.events)
+    # Nothing of the waiting is in the log.
+    assert EcuState.WAIT not in state(recorded, "veh2")
+    difference = diff(bench.out, log(tmp_path / "all.mcap", SIMPLE, "duration_s=0.5"))
+    assert difference.same, str(difference)
+
+
+def test_a_run_waits_for_all_and_says_who_did_not_come(begin: Start, start: Callable[..., object]) -> None:
+    can = f"udp:{ports()}"
+    begin(*PLATOON, "ecu", "planner", "--vehicle", "1", "--can", can, "--class", SIMPLE["planner"])
+    run = start(set=["duration_s=0.5"], can=can, without=["veh3.tracker", "veh1.planner"], without_wait_s=8.0)
+    code, output, errors = run.end()
+    assert code == 1
+    veh1, v2v, veh3 = (f"udp:{ports() + number}" for number in (1, 0, 3))
+    assert f"waiting for veh1.planner on {veh1} and {v2v}; veh3.tracker on {veh3} (at most 8 s)" in output
+    assert "veh3.tracker did not come within 8 s" in errors
+    assert "veh1.planner" not in errors
+    run.assert_all_gone()
+    assert Run(run.out).metadata["status"] == "failed"
+
+
+def test_an_interrupt_ends_the_waiting(start: Callable[..., object]) -> None:
+    run = start(set=["duration_s=0.5"], can=f"udp:{ports()}", without=["veh1.tracker"])
+    assert run.process.stdout.readline().startswith("waiting for veh1.tracker")
+    os.killpg(run.process.pid, signal.SIGINT)
+    code, _, errors = run.end()
+    assert code == 1
+    assert "interrupted by SIGINT" in errors
+    run.assert_all_gone()
+
+
+def vcan_problem() -> str:
+    """What keeps a run from using vcan here, in a line."""
+    try:
+        with settle(Address.parse("vcan"), 3):
+            return ""
+    except BadInput as error:
+        return str(error).partition(";")[0].partition("\n")[0]
+
+
+@pytest.fixture(scope="module")
+def c_tracker(tmp_path_factory: pytest.TempPathFactory) -> str:
+    build = tmp_path_factory.mktemp("tracker")
+    make = ["make", "-C", str(EXAMPLES / "tracker"), f"BUILD={build}", f"PYTHON={sys.executable}"]
+    done = subprocess.run(make, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return str(build / "tracker")
+
+
+FAULTS = [
+    '{kind = "frame_loss", at_s = 0.05, for_s = 0.15, bus = "veh2", message = "Reference", probability = 0.5}',
+    '{kind = "frame_loss", at_s = 0.25, for_s = 0.15, bus = "veh2", message = "Reference"}',
+    '{kind = "frame_loss", at_s = 0.45, for_s = 0.05, bus = "veh2", message = "VehicleMotion", probability = 0.5}',
+    '{kind = "frame_corrupt", at_s = 0.55, for_s = 0.05, bus = "veh2", message = "VehicleMotion", bits = 2}',
+    '{kind = "frame_duplicate", at_s = 0.65, for_s = 0.05, bus = "veh2", message = "Reference", copies = 2}',
+    '{kind = "frame_delay", at_s = 0.75, for_s = 0.1, bus = "veh2", message = "VehicleMotion", jitter_cycles = 2}',
+]
+
+
+@pytest.mark.skipif(bool(vcan_problem()), reason=f"vcan is needed (platoon vcan -- pytest ...): {vcan_problem()}")
+class TestInC:
+    """The C tracker drives vehicle 2 on a real SocketCAN link."""
+
+    @pytest.mark.parametrize("faults", [[], FAULTS], ids=["sound", "faults"])
+    def test_it_sends_what_a_python_ecu_of_its_kind_sends(
+        self, begin: Start, start: Callable[..., object], c_tracker: str, tmp_path: Path, faults: list[str]
+    ) -> None:
+        settings = [f"duration_s={1.0 if faults else 0.4}", f"faults=[{', '.join(faults)}]"]
+        ecu = begin(c_tracker, "vcan2")
+        bench = start(set=settings, can="vcan", ecus=SINGLE_TRACK, without=["veh2.tracker"])
+        code, _, errors = bench.end()
+        assert code == 0, errors
+        assert ecu.communicate(timeout=GUARD_S) == ("", "tracker listens on vcan2\n")
+        assert ecu.returncode == 0
+        recorded = Run(bench.out)
+        seen = set(state(recorded, "veh2"))
+        assert seen == ({EcuState.RUN, EcuState.DEGRADED, EcuState.SAFE} if faults else {EcuState.RUN})
+        difference = diff(bench.out, log(tmp_path / "python.mcap", SINGLE_TRACK, *settings))
+        assert difference.same, str(difference)
+
+    def test_while_it_is_stopped_the_run_goes_on_and_afterwards_it_hears_the_end(
+        self, begin: Start, start: Callable[..., object], c_tracker: str
+    ) -> None:
+        ecu = begin(c_tracker, "vcan2")
+        settings = ["duration_s=1.0", 'on_ecu_failure="continue"']
+        run = start(set=settings, can="vcan", ecus=SINGLE_TRACK, without=["veh2.tracker"], silence_s=1.0)
+        run.await_time(0.2)
+        ecu.send_signal(signal.SIGSTOP)
+        run.await_time(0.6)
+        ecu.send_signal(signal.SIGCONT)
+        code, _, errors = run.end()
+        assert code == 0, errors
+        ecu.communicate(timeout=GUARD_S)
+        assert ecu.returncode == 0
+        recorded = Run(run.out)
+        assert any("the run goes on without veh2.tracker" in event.text for event in recorded.events)
+        t, _ = recorded.signal("veh2", "SteeringCommand", "AliveCounter")
+        assert not np.any((t > 0.3) & (t < 0.55))
+        assert ActuatorState.SAFE in recorded.signal("veh2", "ActuatorStatus", "ActuatorState")[1]
+
+    def test_it_drives_in_real_time(self, begin: Start, c_tracker: str, tmp_path: Path) -> None:
+        ecu = begin(c_tracker, "vcan1")
+        out = tmp_path / "run.mcap"
+        command = [
+            "run",
+            "formation",
+            "--clock",
+            "realtime",
+            "--can",
+            "vcan",
+            "--without",
+            "veh1.tracker",
+            "--no-report",
+        ]
+        ecus = [f"--ecu={role}={spec}" for role, spec in SINGLE_TRACK.items()]
+        # One vehicle, as the kernel of `platoon vcan` has one core.
+        alone = ["--set", "vehicles=[{x_m=0.0, y_m=0.0, speed_mps=18.0}]", "--set", "duration_s=3.0"]
+        bench = begin(*PLATOON, *command, *ecus, *alone, "--out", str(out))
+        errors = bench.communicate(timeout=GUARD_S)[1]
+        assert "waiting for veh1.tracker on vcan1" in errors
+        ecu.communicate(timeout=GUARD_S)
+        assert ecu.returncode == 0
+        recorded = Run(out)
+        assert recorded.metadata["status"] == "completed"
+        assert EcuState.RUN in state(recorded, "veh1")
+        # On a busy machine many a command comes late; some come in time.
+        assert ActuatorState.ACTIVE in recorded.signal("veh1", "ActuatorStatus", "ActuatorState")[1]
