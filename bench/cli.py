@@ -17,6 +17,7 @@ import typer
 
 from bench.errors import BadInput, BenchError
 from bench.fmu_cli import fmu_app
+from bench.log_cli import log_app
 from bench.output_paths import check_directory, check_report, check_suffix
 from platoon_fmu.errors import FmuError
 
@@ -34,6 +35,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(fmu_app, name="fmu")
+app.add_typer(log_app, name="log")
 
 
 class Role(StrEnum):
@@ -48,12 +50,14 @@ ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="The name of a shipped scenario, or a TOML file.")
 ]
 Buses = Annotated[
-    str,
+    list[str] | None,
     typer.Option(
         "--can",
-        metavar="udp|vcan|direct|IFACE:CHANNEL",
-        help="Where the CAN buses are: udp (multicast on this host; udp:PORT for fixed ports), vcan (SocketCAN "
-        "vcan0, vcan1 ...), direct (all in one process), or any python-can interface.",
+        metavar="[BUS=]udp|vcan|direct|IFACE:CHANNEL",
+        help="Where the CAN buses are, all or, with BUS= before it, one: udp (multicast on this host; udp:PORT for "
+        "fixed ports; udp:PORT@DEVICE to reach other hosts), vcan (SocketCAN vcan0, vcan1 ...), direct (all in one "
+        "process), or any python-can interface. udp if not given.",
+        show_default=False,
     ),
 ]
 Overrides = Annotated[
@@ -66,9 +70,13 @@ Seed = Annotated[int | None, typer.Option(help="Override the scenario's seed.")]
 @app.command(epilog=EXIT_CODES)
 def run(
     scenario: ScenarioName = "formation",
-    can: Buses = "udp",
+    can: Buses = None,
     clock: Annotated[
-        str, typer.Option(metavar="lockstep", help="Simulated time, as fast as the machine goes.")
+        str,
+        typer.Option(
+            metavar="lockstep|realtime",
+            help="lockstep: simulated time, as fast as the machine goes; realtime: the wall clock.",
+        ),
     ] = "lockstep",
     overrides: Overrides = None,
     seed: Seed = None,
@@ -78,24 +86,27 @@ def run(
         list[str] | None,
         typer.Option(metavar="ROLE=CLASS", help="Another ECU class: --ecu tracker=my_ecu.py:MyTracker"),
     ] = None,
-    external: Annotated[
+    without: Annotated[
         list[str] | None,
-        typer.Option(metavar="ECU", help="An ECU not to start, as it runs elsewhere: --external veh1.tracker"),
+        typer.Option(metavar="ECU", help="Leave a seat free for an ECU that you start by hand: --without veh1.tracker"),
     ] = None,
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="How long to wait for the ECUs of --without.")
+    ] = 120.0,
 ) -> None:
     """Run a scenario: write its log and report, show what came of it."""
     from bench.bus.address import Address
     from bench.scenario import load
 
-    if clock != "lockstep":
-        raise BadInput(f"--clock {clock}: no such clock; allowed: lockstep")
+    if clock not in ("lockstep", "realtime"):
+        raise BadInput(f"--clock {clock}: no such clock; allowed: lockstep, realtime")
     loaded = load(scenario, overrides or (), seed)
-    address = Address.parse(can)
+    address = Address.parse(*(can or loaded.bus_texts))
     ecus = _ecu_classes(ecu or [])
     log = _log_path(out, loaded.name, with_report=not no_report)
 
     from bench.conductor import run as conductor
-    from bench.summary import following, show_metrics
+    from bench.summary import following, show_metrics, show_timing
 
     with following(loaded.name, loaded.duration_s) as on_progress:
         result = conductor.run(
@@ -105,16 +116,23 @@ def run(
             command_line=["platoon", *sys.argv[1:]],
             on_progress=on_progress,
             ecus=ecus,
-            external=external or (),
+            without=without or (),
+            without_wait_s=wait,
+            on_waiting=lambda line: typer.echo(f"platoon: {line}", err=True),
+            realtime=clock == "realtime",
         )
 
     from bench.analysis.metrics import compute
     from bench.analysis.requirements import LEAST_DISTANCE_M
+    from bench.analysis.timing import timing
     from bench.record.reader import Run
 
     recorded = Run(result.path)
     figures = compute(recorded)
     show_metrics(figures)
+    times = timing(recorded)
+    if times is not None:
+        show_timing(times, result.scheduling)
     typer.echo(f"log:    {result.path}")
     if not no_report:
         from bench.analysis.report import write
@@ -203,7 +221,10 @@ def scenarios(
 def ecu(
     role: Annotated[Role, typer.Argument(help="Which of a vehicle's ECUs.")],
     vehicle: Annotated[int, typer.Option(min=1, help="The number of the vehicle, from 1.")],
-    can: Annotated[str, typer.Option(metavar="udp:PORT|vcan|IFACE:CHANNEL", help="The buses, as the run has them.")],
+    can: Annotated[
+        list[str],
+        typer.Option(metavar="[BUS=]udp:PORT|vcan|IFACE:CHANNEL", help="The buses, as the run has them: all, or each."),
+    ],
     scenario: Annotated[str, typer.Option(help="The scenario, as the run has it.")] = "formation",
     overrides: Overrides = None,
     seed: Seed = None,
@@ -212,15 +233,64 @@ def ecu(
         typer.Option("--class", metavar="CLASS", help="Another class: my_ecu.py:MyTracker, my.module:MyTracker"),
     ] = None,
 ) -> None:
-    """Run one ECU alone, for example on another host; start the run with `--external veh1.tracker`."""
+    """Run one ECU alone, for example on another host; start the run with `--without veh1.tracker`."""
     from bench.bus.address import Address
     from bench.ecu.main import DEFAULT_ECUS, serve_ecu
     from bench.scenario import load
 
     loaded = load(scenario, overrides or (), seed)
-    if can == "direct":
+    address = Address.parse(*can)
+    if address.hub is not None:
         raise BadInput("--can direct: an ECU alone is a process of its own; allowed: udp:PORT, vcan, IFACE:CHANNEL")
-    serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, Address.parse(can))
+    serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, address)
+
+
+@app.command()
+def fault(
+    kind: Annotated[
+        str | None, typer.Argument(metavar="[KIND]", help="What goes wrong; all kinds are listed if not given.")
+    ] = None,
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...", help="To what, and how: ecu=veh2.tracker, for_s=1.0; as in [[faults]]."
+        ),
+    ] = None,
+    run: Annotated[str | None, typer.Option(help="Part of the name of the bench, where several are running.")] = None,
+) -> None:
+    """Bring a fault to a bench that is running.
+
+    For example: platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
+    """
+    from bench.conductor.fault_desk import ask
+    from bench.fault_words import describe_kinds, parse
+
+    if kind is None:
+        typer.echo(describe_kinds(), nl=False)
+        return
+    answer = ask(run, parse(kind, keys or []))
+    typer.echo(f"{kind} at {answer['at_s']:g} s")
+
+
+@app.command(
+    epilog="Exit code: the command's own, 128 + n where signal n ended it; 2 where there is no CAN to be had.",
+    context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+)
+def vcan(
+    command: Annotated[list[str], typer.Argument(metavar="[--] COMMAND...", help="Any command with its arguments.")],
+    memory: Annotated[
+        int, typer.Option(metavar="MB", help="The most memory that the small kernel may take.")
+    ] = 2048,
+) -> None:
+    """Run a command where the CAN links vcan0 to vcan16 are, also on a machine whose kernel has no CAN.
+
+    Where this kernel has the links, or lets you make them, the command runs here, and the links stay. Elsewhere it runs
+    in user-mode Linux, a kernel that is an ordinary program: one core, this machine's files, your rights on them. What
+    the command leaves running ends with it there.
+    """
+    from bench.vcan.run import run_command
+
+    raise typer.Exit(run_command(command, memory))
 
 
 @app.command()

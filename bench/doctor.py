@@ -12,7 +12,8 @@ from pathlib import Path
 
 from bench.bus.address import Address, settle
 from bench.bus.link import open_link
-from bench.errors import BenchError
+from bench.errors import BadInput, BenchError
+from bench.vcan.machine import require_packages
 from platoon_fmu.build import default_fmu
 from platoon_fmu.errors import FmuError
 
@@ -56,6 +57,7 @@ def examine(logs: Path) -> Iterator[Finding]:
     yield _fmu()
     yield _bus("bus udp", "udp", "UDP multicast reaches this host")
     yield _bus("bus vcan", "vcan", "SocketCAN links vcan0 to vcan3 are up")
+    yield _small_kernel()
     yield _receive_buffer()
     yield _cores()
     yield _writable(logs)
@@ -111,6 +113,15 @@ def _bus(subject: str, address: str, found: str) -> Finding:
         return Finding(subject, True, found)
     reason, _, commands = problem.partition("\n")
     return Finding(subject, False, reason, commands)
+
+
+def _small_kernel() -> Finding:
+    try:
+        require_packages()
+    except BadInput as error:
+        found, _, mend = str(error).partition("\n")
+        return Finding("platoon vcan", False, found.removeprefix("platoon vcan: "), mend)
+    return Finding("platoon vcan", True, "user-mode Linux is there, for a kernel with CAN links")
 
 
 def _refusal(attempt: Callable[[], None]) -> str | None:

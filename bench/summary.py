@@ -10,6 +10,7 @@ from rich.table import Table
 
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
     from bench.analysis.metrics import Metrics
+    from bench.analysis.timing import Timing
 
 PLAIN_STEPS = 10
 """How many lines tell the progress of a run where there is no terminal for a bar."""
@@ -54,6 +55,21 @@ def show_metrics(metrics: "Metrics") -> None:
     console.print(_vehicles(metrics))
     if not metrics.complete:
         console.print("The run or its log was cut off: 'final' is the last that the log holds.")
+
+
+def show_timing(times: "Timing", scheduling: str) -> None:
+    """Print the times that a real-time run kept on standard output, and what the kernel has granted it."""
+    table = Table(title=f"real time: {100 * times.miss_rate:.3f} % of the ECUs' deadlines missed", title_justify="left")
+    table.add_column("node")
+    for heading in ("response p50\nms", "p99\nms", "largest\nms", "jitter\nms", "missed", "longest\nin a row"):
+        table.add_column(heading, justify="right")
+    for node in times.nodes:
+        values = (*(node.response(percentile) for percentile in (50.0, 99.0, 100.0)), node.jitter_ms)
+        figures = (_figure(value, "{:.2f}") for value in values)
+        table.add_row(node.name, *figures, f"{node.misses} of {node.cycles}", str(node.longest_miss))
+    console = Console()
+    console.print(table)
+    console.print(f"BenchSync was at most {times.clock_late_ms.max():.2f} ms late. {scheduling}", highlight=False)
 
 
 def _overall(metrics: "Metrics") -> Table:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from bench.benchmarks import commonroad, figures
+from bench.benchmarks import bus, commonroad, figures
 from bench.benchmarks.fmu import Effort, binary_figures, python_figures, size_table, sizes
 from bench.benchmarks.prepared import PreparedCalls
 from bench.benchmarks.timing_host import TimingHost
@@ -155,3 +155,16 @@ def test_an_unknown_part_is_refused():
     assert done.returncode == 2
     assert "loop" in done.stderr
     assert "fmu" in done.stderr
+
+
+def test_the_buss_figures():
+    coded = ["encode, with E2E", "cantools, without E2E", "decode", "cantools"]
+    assert_whole(bus.coding(rounds=2), coded)
+    trips = ["python-can on both sides, echo", "the bench, an empty ECU", "the one by the other"]
+    assert_whole(bus.round_trips("udp", trips=3, rounds=2), trips)
+
+
+def test_recording_loses_nothing():
+    table = printed(bus.recording(seconds=2, per_s=2_000))
+    (row,) = [line.split("│")[1:5] for line in table.splitlines() if line.startswith("│")]
+    assert [int(cell) for cell in row] == [4000, 4000, 4000, 0]

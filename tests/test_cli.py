@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.faults import kinds
 from bench.scenario import load, shipped
 
 SHORT = ["--can", "direct", "--set", "duration_s=0.2"]
@@ -80,14 +81,26 @@ def test_run_writes_to_logs_by_default_and_fails_where_no_platoon_was_formed(tmp
         (["--seed", "-1"], "seed = -1 is not allowed"),
         (["--seed", "one"], "Invalid value for '--seed': Input should be a valid integer"),
         (["--can", "carrier-pigeon"], "--can carrier-pigeon: not a bus; allowed: udp"),
-        (["--clock", "realtime"], "--clock realtime: no such clock; allowed: lockstep"),
+        (["--clock", "sundial"], "--clock sundial: no such clock; allowed: lockstep"),
         (["--ecu", "tracker"], "--ecu tracker: want ROLE=CLASS"),
         (["--ecu", "tracker=no.such.module:Tracker", "--can", "direct"], "no.such.module"),
         (["--ecu", "tracker=no.such.module:Tracker"], "no.such.module"),
         (["--ecu", "tracker=json:dumps"], "json has no class dumps"),
-        (["--external", "veh9.tracker", "--can", "direct"], "veh9.tracker"),
-        (["--external", "veh1.tracker", "--can", "direct"], "with --can direct all is in one process"),
-        (["--external", "veh1.tracker"], "give the port, as in --can udp:45000"),
+        (["--without", "veh9.tracker", "--can", "direct"], "veh9.tracker"),
+        (["--without", "veh1.tracker", "--can", "direct"], "with --can direct all is in one process"),
+        (["--without", "veh1.tracker"], "give the port, as in --can udp:45000 or --can veh1=udp:45000"),
+        (["--without", "veh1.planner", "--can", "veh1=udp:45001"], "the ECU must know where v2v is; give the port"),
+        (
+            [
+                *("--without", "veh1.tracker", "--can", "udp:45000"),
+                *("--set", 'faults=[{kind="ecu_hang", at_s=0.1, ecu="veh1.tracker"}]'),
+            ],
+            "--without veh1.tracker: the scenario has a fault ecu_hang for it",
+        ),
+        (["--can", "udp", "--can", "vcan"], "--can vcan: every bus has udp already"),
+        (["--can", "veh4=udp"], "--can veh4=...: the scenario has the buses v2v, veh1, veh2, veh3"),
+        (["--can", "veh1=can0"], "--can veh1=can0: not a bus; allowed: udp"),
+        (["--can", "veh1=udp:45000@nowhere0"], "no network device nowhere0; this host has"),
         (["--set", "planner.speed_max_mps=3.0"], "planner.speed_max_mps = 3 is below planner.speed_min_mps = 5"),
         (["--set", "planner.sigma_eps=1e-308"], "planner.sigma_eps = 1e-308 is not allowed"),
         (["--set", "tracker.force_unit_n=1e-300"], "tracker.force_unit_n = 1e-300 is not allowed"),
@@ -258,6 +271,30 @@ def test_fmu_is_built_checked_and_described(tmp_path):
 )
 def test_bad_input_to_ecu_ends_with_2(arguments, message, tmp_path):
     assert message in refused("ecu", *arguments, cwd=tmp_path)
+
+
+def test_fault_lists_every_kind_with_its_keys(tmp_path):
+    listed = platoon("fault", cwd=tmp_path)
+    assert listed.returncode == 0
+    for kind, model in kinds().items():
+        assert f"\n{kind} " in f"\n{listed.stdout}"
+        assert all(key in listed.stdout for key in model.model_fields if key != "kind")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["ice_ptch"], "no kind of fault 'ice_ptch'; did you mean ice_patch? allowed: frame_loss, "),
+        (
+            ["ice_patch", "friction=0.1"],
+            "friction=0.1: ice_patch takes KEY=VALUE with a KEY of at_s, for_s,",
+        ),
+        (["ice_patch", "mu"], "mu: ice_patch takes KEY=VALUE"),
+        (["ice_patch", "--run", "no-such-run"], "no bench that runs has 'no-such-run' in its name"),
+    ],
+)
+def test_bad_input_to_fault_ends_with_2(arguments, message, tmp_path):
+    assert message in refused("fault", *arguments, cwd=tmp_path)
 
 
 def test_doctor_looks_at_all_that_a_run_needs(tmp_path):

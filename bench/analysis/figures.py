@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis.boundary import margin, yaw_rate_max
+from bench.analysis.bus_load import BusLoad
 from bench.analysis.motion import Array, motion, rows_at, told
 from bench.analysis.requirements import LEAST_DISTANCE_M
+from bench.bus.topic import V2V
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
 
@@ -103,8 +105,8 @@ class Figures:
         pool: key -> values; `t` is time in s.
     """
 
-    def __init__(self, run: Run) -> None:
-        """Make the figures of `run`.
+    def __init__(self, run: Run, buses: Sequence[BusLoad] = ()) -> None:
+        """Make the figures of `run`, and of what is known of its buses.
 
         Raises:
             BadInput: the log has no truth or no scenario.
@@ -123,6 +125,7 @@ class Figures:
         self._estimates()
         self._flocking()
         self._solvers()
+        self._buses(buses)
 
     def as_dict(self) -> dict[str, Any]:
         """Return figures and pool as values that JSON takes."""
@@ -346,6 +349,24 @@ class Figures:
                 caption=f"Longer than {top:.1f} ms: counted in the last bar.",
                 time=False,
                 y_range=[0.0, 1.0],
+            )
+        )
+
+    def _buses(self, buses: Sequence[BusLoad]) -> None:
+        curves = []
+        for bus in buses:
+            values = np.full(len(self._truth.t), np.nan)
+            rows, at = rows_at(bus.t, self._truth.t)
+            values[at] = 100.0 * bus.load[rows]
+            self._put(f"load.{bus.bus}", values, peak=True)
+            line_colour = "ink" if bus.bus == V2V else colour(int(bus.bus.removeprefix("veh")))
+            curves.append(Curve(bus.bus, "t", f"load.{bus.bus}", line_colour, dash=bus.bus == V2V, step=True))
+        lines = [Line(100.0, "full", limit=True)] if max((bus.worst for bus in buses), default=0.0) > 0.8 else []
+        self._add_if(
+            replace(
+                self._over_time("busload", "Load of the buses, cycle by cycle", "Buses", "load [%]", curves, lines),
+                y_range=[0.0, 1.0],
+                wide=True,
             )
         )
 

@@ -1,6 +1,7 @@
 """The closed loop's figures: times, what comes of each shipped scenario, and what is left of a crosswind's offset.
 
-Times are of real processes over `udp`; what does not depend on time is the same on every bus and taken from `direct`.
+Times are of real processes over `udp`, as fast as the machine goes and then on the wall clock; what does not depend on
+time is the same on every bus and taken from `direct`.
 """
 
 import math
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from bench.analysis.metrics import Metrics, compute
+from bench.analysis.timing import timing as keeping
 from bench.bus.address import Address
 from bench.conductor.run import run
 from bench.record.reader import Run
@@ -24,6 +26,9 @@ LAMBDAS = (-1.0, 0.0, 1.0)
 LAST_S = 2.0
 """The offset is the mean tracking error over this last part of a run (s)."""
 
+REALTIME_S = 60
+"""Length of the real-time run (s)."""
+
 TIMED_RUNS = 3
 """How often the timed scenario is run; the machine's other work disturbs one run more than another."""
 
@@ -33,11 +38,14 @@ def tables() -> Iterator[Table]:
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         logs = Path(folder)
         yield timing([record(logs, "formation", bus="udp") for _ in range(TIMED_RUNS)])
+        yield deadlines(record(logs, "formation", [f"duration_s={REALTIME_S}"], bus="udp", realtime=True))
         yield figures([record(logs, name) for name in shipped()])
         yield offsets(logs)
 
 
-def record(logs: Path, scenario: str, overrides: Sequence[str] = (), bus: str = "direct") -> Run:
+def record(
+    logs: Path, scenario: str, overrides: Sequence[str] = (), bus: str = "direct", *, realtime: bool = False
+) -> Run:
     """Run a scenario; return its log."""
     log = logs / f"{len(list(logs.iterdir()))}.mcap"
     run(
@@ -45,6 +53,7 @@ def record(logs: Path, scenario: str, overrides: Sequence[str] = (), bus: str = 
         address=Address.parse(bus),
         out=log,
         command_line=["bench.benchmarks", scenario, *overrides],
+        realtime=realtime,
     )
     return Run(log)
 
@@ -77,6 +86,22 @@ def _percentiles(recorded: Run, message: str, signal: str) -> str:
         return "-"
     median, p99 = np.percentile(times, [50, 99]) / 1000.0
     return f"{median:.2f} / {p99:.2f} ms"
+
+
+def deadlines(recorded: Run) -> Table:
+    """Return the table of response times and missed deadlines of a real-time run, a row for each node."""
+    times = keeping(recorded)
+    if times is None:
+        raise ValueError("only a real-time run has deadlines")
+    share = f"{100 * times.miss_rate:.3f} % of the ECUs' deadlines missed (wanted: below 0.1 %)"
+    table = Table(title=f"formation over udp in real time, {REALTIME_S} s: {share}", title_justify="left")
+    table.add_column("node")
+    for heading in ("response p50 / p99 / largest", "jitter", "missed"):
+        table.add_column(heading, justify="right")
+    for node in times.nodes:
+        response = " / ".join(f"{node.response(p) or math.nan:.2f}" for p in (50.0, 99.0, 100.0))
+        table.add_row(node.name, f"{response} ms", f"{node.jitter_ms:.2f} ms", f"{node.misses} of {node.cycles}")
+    return table
 
 
 def figures(runs: Sequence[Run]) -> Table:

@@ -25,12 +25,15 @@ class Link(ABC):
         ignored: what was received and is no classical CAN frame with data (remote, error, CAN FD, malformed),
             so
             far.
+        times: when each frame of the newest `receive` came, ns since 1970; None where the link does not tell, or has
+            not been asked to with `keep_times`.
     """
 
     def __init__(self, name: str) -> None:
         """Name the link."""
         self.name = name
         self.ignored = 0
+        self.times: list[int] | None = None
 
     @abstractmethod
     def send(self, can_id: int, data: bytes) -> None:
@@ -49,6 +52,9 @@ class Link(ABC):
         Raises:
             LinkError: the bus has gone down.
         """
+
+    def keep_times(self) -> None:  # noqa: B027 - links that cannot, need not
+        """Keep `times` from now on, where the link can."""
 
     def select(self, can_ids: Collection[int]) -> None:  # noqa: B027 - links that cannot, need not
         """Receive only these identifiers from now on, where that saves work: others may come all the same."""

@@ -2,11 +2,15 @@
 
 import gc
 import selectors
+import time
 from collections.abc import Sequence
 from typing import Protocol
 
 from bench.bus.base import Link
 from bench.errors import RunFailed
+
+REST_S = 0.0095
+"""How long after a BenchSync a node that has nothing more to do in the cycle may rest."""
 
 
 class Node(Protocol):
@@ -21,6 +25,17 @@ class Node(Protocol):
     @property
     def stopped(self) -> bool:
         """Whether the conductor has told this node to stop."""
+
+    @property
+    def wake_at(self) -> float | None:
+        """When to poll again even if nothing arrives (time.monotonic, s); None for never."""
+
+    @property
+    def rest_until(self) -> float:
+        """Until when nothing that comes concerns this node (time.monotonic, s), past or 0 if all does.
+
+        Being woken for each frame of others, just to put it aside, would cost more than all its work.
+        """
 
     def poll(self) -> bool:
         """Take in what has arrived and step if that completes a cycle; whether anything had arrived."""
@@ -46,14 +61,24 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
         # What there is now stays; no garbage collection need look at it in every cycle.
         gc.collect()
         gc.freeze()
-        heard = False
+        limit_s = None
         while not all(node.stopped for node in nodes):
-            events = selector.select(silence_s if heard else None)
-            if not events:
+            _rest(nodes)
+            wake_at = min((node.wake_at for node in nodes if node.wake_at is not None), default=None)
+            events = selector.select(limit_s if wake_at is None else max(0.0, wake_at - time.monotonic()))
+            if not events and wake_at is None:
                 names = ", ".join(node.name for node in nodes)
                 raise RunFailed(f"{names} heard no frame for {silence_s:g} s; is the conductor still running?")
-            heard = True
-            for key, _ in events:
-                if key.data is None:
-                    return
-                key.data.poll()
+            limit_s = silence_s
+            ready = [key.data for key, _ in events]
+            if None in ready:
+                return
+            for node in ready if ready else nodes:
+                node.poll()
+
+
+def _rest(nodes: Sequence[Node]) -> None:
+    """Sleep as long as no node of this process wants to be woken by frames."""
+    rest_s = min(node.rest_until for node in nodes) - time.monotonic()
+    if rest_s > 0.0:
+        time.sleep(rest_s)

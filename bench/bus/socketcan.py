@@ -3,17 +3,14 @@
 import errno
 import socket
 import struct
-from collections.abc import Collection, Iterable
-from pathlib import Path
+from collections.abc import Collection
 
 from can.interfaces.socketcan import SocketcanBus
 
 from bench.bus.base import LinkError
+from bench.bus.kernel_links import check_links
 from bench.bus.sockets import SocketLink
 from bench.errors import BadInput
-
-BIT_RATE = 500_000
-"""Bits per second, as in the DBC files; a real link is set up with it."""
 
 _FRAME = struct.Struct("=IB3x8s")
 """struct can_frame of linux/can.h: identifier and flags, length, data."""
@@ -61,41 +58,8 @@ class SocketcanLink(SocketLink):
         return can_id, data[:length]
 
 
-def require_links(channels: Iterable[str]) -> None:
-    """Check that the kernel has SocketCAN and all these links, and that they are up.
-
-    Raises:
-        BadInput: something is missing; the message says what to type for all of it.
-    """
-    commands = "".join(f"\n  {command}" for channel in channels for command in _missing(channel))
-    try:
-        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
-    except OSError as error:
-        raise BadInput(
-            f"this kernel has no SocketCAN loaded ({error.strerror}); use --can udp, or type:\n"
-            f"  sudo modprobe -a can_raw vcan{commands}\n"
-            "and where there is no such module, on Ubuntu first:\n"
-            "  sudo apt-get install linux-modules-extra-$(uname -r)"
-        ) from error
-    if commands:
-        raise BadInput(f"not all CAN links are there and up; type:{commands}")
-
-
-def _missing(channel: str) -> list[str]:
-    """Return the commands that bring a link up; empty where it is up."""
-    flags = Path("/sys/class/net") / channel / "flags"
-    if channel.startswith("vcan"):
-        commands = [f"sudo ip link add {channel} type vcan", f"sudo ip link set {channel} up"]
-    else:
-        commands = [f"sudo ip link set {channel} up type can bitrate {BIT_RATE}"]
-    if not flags.exists():
-        return commands
-    is_up = int(flags.read_text(), 16) & 1
-    return [] if is_up else commands[-1:]
-
-
 def _open(name: str, channel: str) -> SocketcanBus:
-    require_links([channel])
+    check_links([channel])
     try:
         return SocketcanBus(channel)
     except OSError as error:

@@ -9,8 +9,7 @@ import os
 import socket
 import struct
 from abc import abstractmethod
-
-import can
+from typing import Protocol
 
 from bench.bus.base import MOST_FRAMES, Link, LinkError
 from bench.errors import BadInput
@@ -21,14 +20,28 @@ RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024
 _DATAGRAM_BYTES = 1024
 _SO_RCVBUFFORCE = 33
 _SO_MEMINFO = 55
+_SO_TIMESTAMPNS = 35
+"""Of the kernel's first version, whose answer on 64 bits is the same as the newer one's."""
+_TIMESPEC = struct.Struct("=qq")
+_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8
 
 
-class SocketLink(Link):
-    """A link over the socket of a python-can bus, which it takes over and closes."""
+class Opened(Protocol):
+    """What has opened a socket and closes it: a python-can bus, or anything alike."""
 
-    def __init__(self, name: str, bus: can.BusABC) -> None:
+    def fileno(self) -> int:
+        """Return the socket's file descriptor."""
+
+    def shutdown(self) -> None:
+        """Close the socket."""
+
+
+class SocketLink(Link):
+    """A link over the socket of a bus, which it takes over and closes."""
+
+    def __init__(self, name: str, bus: Opened) -> None:
         """Take over `bus`.
 
         Raises:
@@ -53,17 +66,41 @@ class SocketLink(Link):
     def receive(self) -> list[tuple[int, bytes]]:
         """See `Link`."""
         frames: list[tuple[int, bytes]] = []
-        receive, parse = self._socket.recv, self._parse
         try:
-            for _ in range(MOST_FRAMES):
-                frame = parse(receive(_DATAGRAM_BYTES, socket.MSG_DONTWAIT))
-                if frame is not None:
-                    frames.append(frame)
+            if self.times is None:
+                self._receive(frames)
+            else:
+                self.times.clear()
+                self._receive_timed(frames, self.times)
         except BlockingIOError:
             pass
         except OSError as error:
             raise LinkError(f"bus {self.name}: no frames can be received: {error.strerror}") from error
         return frames
+
+    def _receive(self, frames: list[tuple[int, bytes]]) -> None:
+        """Put into `frames` what has arrived, up to the `BlockingIOError` when there is no more."""
+        receive, parse = self._socket.recv, self._parse
+        for _ in range(MOST_FRAMES):
+            frame = parse(receive(_DATAGRAM_BYTES, socket.MSG_DONTWAIT))
+            if frame is not None:
+                frames.append(frame)
+
+    def _receive_timed(self, frames: list[tuple[int, bytes]], times: list[int]) -> None:
+        """The same, with the time at which the kernel got each."""
+        receive, parse = self._socket.recvmsg, self._parse
+        for _ in range(MOST_FRAMES):
+            datagram, ancillary, _, _ = receive(_DATAGRAM_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
+            frame = parse(datagram)
+            if frame is not None:
+                seconds, nanoseconds = _TIMESPEC.unpack(ancillary[-1][2])
+                frames.append(frame)
+                times.append(seconds * 1_000_000_000 + nanoseconds)
+
+    def keep_times(self) -> None:
+        """See `Link`."""
+        self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        self.times = []
 
     def fileno(self) -> int:
         """See `Link`."""

@@ -10,6 +10,8 @@ class EcuState(enum.IntEnum):
     RUN = 1
     DEGRADED = 2
     SAFE = 3
+    WAIT = 4
+    """Before its first BenchSync; no frame of a cycle says so."""
 
 
 class ReferenceState(enum.IntEnum):
@@ -36,3 +38,37 @@ class ActuatorState(enum.IntEnum):
     ACTIVE = 1
     HOLD = 2
     SAFE = 3
+
+
+class Cause(enum.IntEnum):
+    """Why an ECU is not in RUN, the graver the later; the values are those of the bus signal `Cause`."""
+
+    NONE = 0
+    SENSOR_MISSING = 1
+    SENSOR_LOST = 2
+    SENSOR_IMPLAUSIBLE = 3
+    REFERENCE_MISSING = 4
+    REFERENCE_LOST = 5
+    REFERENCE_DEGRADED = 6
+    PEER_MISSING = 7
+    PEER_LOST = 8
+    PEER_IMPLAUSIBLE = 9
+    PEER_UNSAFE = 10
+    """Another vehicle says that it slows down, or that it cannot be trusted."""
+    ACTUATOR_FAULT = 11
+    SOLVER_FALLBACK = 12
+    OWN_MOTION_LOST = 13
+    TRACKER_LOST = 14
+    VEHICLE_FAULT = 15
+    """The vehicle does not do what its actuators should make it do: tyres or road are not what they were."""
+
+
+class Manoeuvre(enum.IntEnum):
+    """What a vehicle does with regard to the platoon; the values are those of the bus signal `Manoeuvre`."""
+
+    NONE = 0
+    PLATOON = 1
+    FALL_BACK = 2
+    """It opens the gap to a vehicle ahead that cannot be trusted."""
+    SLOW_DOWN = 3
+    """It slows down in its lane."""

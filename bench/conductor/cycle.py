@@ -73,7 +73,7 @@ class CycleFrames:
         number: the cycle being collected.
         frames: identifier and data of the frames that came, by bus.
         strays: frames that no cycle should bring, or not again, since `begin`.
-        spoiled: frames that are due and came with a wrong CRC, by bus and identifier.
+        spoiled: frames still due that have come with a wrong CRC only, by bus and identifier.
     """
 
     def __init__(
@@ -148,6 +148,7 @@ class CycleFrames:
             elif due.protected and not check(data, self._data_ids[bus, can_id]):
                 self.spoiled.add((bus, can_id))
             else:
+                self.spoiled.discard((bus, can_id))
                 del missing[can_id]
                 self._count -= 1
 
@@ -162,6 +163,7 @@ class CycleFrames:
 
     def give_up(self, bus: str, can_id: int) -> None:
         """Wait no longer for a frame of this cycle."""
+        self.spoiled.discard((bus, can_id))
         if self._missing[bus].pop(can_id, None) is not None:
             self._count -= 1
         self._count -= self._extra.pop((bus, can_id), 0)

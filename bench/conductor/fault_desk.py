@@ -1,12 +1,13 @@
 """Where a running bench takes in faults: those of its scenario, and those that `platoon fault` brings.
 
-A bench listens on a Unix socket in a folder of the user's own. One line of JSON comes in, one goes back.
+A bench listens on an abstract Unix socket (unix(7)) and hears its own user and root. One line of JSON comes in, one
+goes back.
 """
 
 import json
 import os
 import socket
-import tempfile
+import struct
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
@@ -28,12 +29,13 @@ if TYPE_CHECKING:  # the recorder's imports take place while the processes start
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
 _ANSWER_S = 10.0
 _MOST_BYTES = 65536
+_CREDENTIALS = struct.Struct("=3i")
+"""struct ucred: process, user and group."""
 
 
-def desk_folder() -> Path:
-    """Return the folder with the sockets of this user's running benches."""
-    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
-    return Path(base) / f"platoon-{os.getuid()}"
+def _names() -> str:
+    """Return what the names of this user's benches begin with, among the abstract Unix sockets of this host."""
+    return f"@platoon-{os.getuid()}-"
 
 
 class FaultDesk:
@@ -55,24 +57,17 @@ class FaultDesk:
         self._board = board
         self._vehicles = vehicles
         self._log = log
-        self._path: Path | None = None
         self._socket: socket.socket | None = None
         self._told: set[tuple[int, bool]] = set()
 
     def __enter__(self) -> "FaultDesk":
         """Open the socket; a bench without one runs all the same."""
-        folder = desk_folder()
+        name = f"{_names()}{os.getpid()}-{'_'.join(self._log.stem.split())[:48]}"
         try:
-            folder.mkdir(mode=0o700, exist_ok=True)
-            if folder.stat().st_uid != os.getuid():
-                return self
-            path = folder / f"{os.getpid()}-{self._log.stem[:48]}.sock"
-            path.unlink(missing_ok=True)
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             self._socket.setblocking(False)
-            self._socket.bind(str(path))
+            self._socket.bind(_abstract(name))
             self._socket.listen(8)
-            self._path = path
         except OSError:
             self._close()
         return self
@@ -108,6 +103,8 @@ class FaultDesk:
             # Nobody there, or gone again.
             return
         with connection, suppress(OSError):
+            if _user_of(connection) not in (0, os.getuid()):
+                return
             connection.settimeout(0.2)
             connection.sendall(json.dumps(self._answer(_line(connection), cycle)).encode() + b"\n")
 
@@ -134,12 +131,17 @@ class FaultDesk:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
-        if self._path is not None:
-            self._path.unlink(missing_ok=True)
-            with suppress(OSError):
-                # Another bench may be there.
-                self._path.parent.rmdir()
-            self._path = None
+
+
+def _abstract(name: str) -> bytes:
+    """Return the address of an abstract socket, which is gone with its process and leaves no file."""
+    return b"\0" + name.removeprefix("@").encode()
+
+
+def _user_of(connection: socket.socket) -> int:
+    """Return the number of the user at the other end; an abstract socket has no permissions of its own."""
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return int(_CREDENTIALS.unpack(credentials)[1])
 
 
 def explain_fault(error: ValidationError) -> str:
@@ -154,19 +156,14 @@ def explain_fault(error: ValidationError) -> str:
     return "; ".join(texts)
 
 
-def running() -> dict[str, Path]:
-    """Return the sockets of this user's running benches, by name: process number and log."""
-    found = {}
-    for path in sorted(desk_folder().glob("*.sock")):
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
-            try:
-                probe.connect(str(path))
-            except OSError:
-                # Left by a bench that was killed.
-                path.unlink(missing_ok=True)
-                continue
-        found[path.stem] = path
-    return found
+def running() -> list[str]:
+    """Return the names of this user's running benches: process number and log."""
+    try:
+        lines = Path("/proc/net/unix").read_text().splitlines()
+    except OSError:
+        return []
+    names = {line.split()[-1] for line in lines}
+    return sorted(name.removeprefix(_names()) for name in names if name.startswith(_names()))
 
 
 def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
@@ -179,17 +176,17 @@ def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
     Raises:
         BadInput: no such bench, more than one, or it refuses the fault.
     """
-    benches = {name: path for name, path in running().items() if run is None or run in name}
+    benches = [name for name in running() if run is None or run in name]
     if not benches:
         which = f"no bench that runs has {run!r} in its name" if run else "no bench of yours is running"
         raise BadInput(f"{which}; start one with: platoon run")
     if len(benches) > 1:
         raise BadInput(f"several benches are running; name one with --run: {', '.join(benches)}")
-    name, path = benches.popitem()
+    (name,) = benches
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(_ANSWER_S)
         try:
-            connection.connect(str(path))
+            connection.connect(_abstract(_names() + name))
             connection.sendall(json.dumps(request).encode() + b"\n")
             answer: dict[str, Any] = json.loads(_line(connection) or b'{"error": "the run has ended"}')
         except OSError as error:

@@ -1,14 +1,23 @@
 """Requests to the Linux kernel about processes; other systems do without them."""
 
 import ctypes
+import errno
+import fcntl
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
+_TIMER_ABSTIME = 1
+_LIBC = ctypes.CDLL(None)
+
+
+class _Timespec(ctypes.Structure):
+    _fields_ = (("tv_sec", ctypes.c_long), ("tv_nsec", ctypes.c_long))
 
 
 def die_with_parent() -> None:
@@ -42,6 +51,72 @@ def as_batch_work() -> Iterator[None]:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+def set_real_time(pid: int, priority: int) -> bool:
+    """Let a process go before all others of a lower `priority` (1..99) until it waits (SCHED_FIFO, sched(7)).
+
+    Returns whether that is permitted; it takes root, CAP_SYS_NICE or a limit on real-time priorities (ulimit -r).
+    """
+    try:
+        os.sched_setscheduler(pid, os.SCHED_FIFO, os.sched_param(priority))
+    except (AttributeError, PermissionError):
+        return False
+    except ProcessLookupError:
+        # It has ended, which its watcher will notice.
+        return True
+    return True
+
+
+@contextmanager
+def real_time(priority: int) -> Iterator[None]:
+    """The same for this process while the context lasts."""
+    before = (os.sched_getscheduler(0), os.sched_getparam(0)) if sys.platform == "linux" else None
+    granted = set_real_time(0, priority)
+    try:
+        yield
+    finally:
+        if granted and before:
+            os.sched_setscheduler(0, *before)
+
+
+def pin(pid: int, cores: Collection[int]) -> None:
+    """Keep a process to these cores; where that is not permitted it stays where it is."""
+    with suppress(OSError):
+        os.sched_setaffinity(pid, cores)
+
+
+def enlarge_pipe(descriptor: int) -> None:
+    """Let a pipe hold 1 MiB, so that who writes to it need not wait for a reader that is a second behind."""
+    if sys.platform == "linux":
+        with suppress(OSError):
+            fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, 1 << 20)
+
+
+def stolen_s() -> float:
+    """Return the processor time in s that a virtual machine's host has given to others when this machine wanted it.
+
+    It is the steal time of proc(5), of all cores together since this machine started; 0 where the kernel does not tell.
+    """
+    try:
+        with open("/proc/stat") as stat:  # noqa: PTH123 - as quick as it can be
+            return int(stat.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
+def wait_until(time_ns: int) -> None:
+    """Sleep until the time.monotonic_ns() clock shows `time_ns`; at once where it is past that.
+
+    With an absolute time, being interrupted between reading the clock and going to sleep makes no difference.
+    """
+    if sys.platform != "linux":
+        time.sleep(max(0, time_ns - time.monotonic_ns()) / 1e9)
+        return
+    deadline = _Timespec(*divmod(time_ns, 1_000_000_000))
+    while _LIBC.clock_nanosleep(time.CLOCK_MONOTONIC, _TIMER_ABSTIME, ctypes.byref(deadline), None) == errno.EINTR:
+        # Python handles the signal here.
+        pass
+
+
 def _prctl(request: int, argument: int | bytes) -> None:
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(request, argument, 0, 0, 0)
+        _LIBC.prctl(request, argument, 0, 0, 0)

@@ -190,9 +190,8 @@ class Lockstep:
             if heard or self._frames.complete:
                 continue
             if spoiled:
-                for bus, can_id in spoiled:
+                for bus, can_id in sorted(spoiled):
                     self._give_up(bus, can_id)
-                spoiled.clear()
                 continue
             guilty = self._frames.guilty(crew.inputs)
             text = f"{when} {self._frames.silent(guilty)}; nothing was heard for {self._silence_s:g} s"

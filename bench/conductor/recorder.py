@@ -3,12 +3,15 @@
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import repeat
 from pathlib import Path
 
 from bench.bus.codec import Codec
 from bench.bus.ties import Truth
+from bench.bus.timing import BusTimeline
 from bench.bus.topic import CYCLE_MS
 from bench.conductor.stage import Stage
+from bench.conductor.state_watch import StateWatch
 from bench.errors import RunFailed
 from bench.record.writer import RunWriter
 
@@ -16,8 +19,8 @@ CYCLE_NS = CYCLE_MS * 1_000_000
 _LOST, _ERRORS = "FramesLost", "E2EErrors"
 
 
-def open_recorder(out: Path, stage: Stage, command_line: Sequence[str]) -> "Recorder":
-    """Begin the log of a run in the file `out`.
+def open_recorder(out: Path, stage: Stage, command_line: Sequence[str], timeline: BusTimeline) -> "Recorder":
+    """Begin the log of a run in the file `out`, its frames timed by `timeline`.
 
     Raises:
         RunFailed: it cannot be written.
@@ -30,8 +33,13 @@ def open_recorder(out: Path, stage: Stage, command_line: Sequence[str]) -> "Reco
         vehicles=stage.vehicles,
         metadata=stage.metadata(command_line),
         attachments=stage.attachments(),
+        timeline=timeline,
     )
     return Recorder(writer, stage.codecs)
+
+
+_COUNTS = ("FramesLost", "E2EErrors")
+"""The signals of the health messages that only rise, and mean trouble where they do."""
 
 
 class Recorder:
@@ -51,6 +59,7 @@ class Recorder:
             if any(signal.name == _LOST for signal in codec.message(name).signals)
         }
         self._health: dict[tuple[str, int], bytes] = {}
+        self._states = StateWatch(codecs)
         self._failed = False
         self._strays: set[tuple[str, int]] = set()
 
@@ -61,6 +70,7 @@ class Recorder:
         truth: Iterable[Truth],
         strays: Iterable[tuple[str, int]],
         words: Sequence[tuple[str, str]],
+        received_ns: Sequence[int] = (),
     ) -> None:
         """Record one cycle.
 
@@ -70,13 +80,14 @@ class Recorder:
             truth: its truth rows.
             strays: bus and identifier of frames that should not have come; each is noted once a run.
             words: what processes have written to their standard error, each with its name.
+            received_ns: when each frame came (time.time_ns); now for all of them, if not given.
 
         Raises:
             RunFailed: the log cannot be written.
         """
         with self._unless_failed() as writable:
             if writable:
-                self._cycle(number, frames, truth, strays, words)
+                self._cycle(number, frames, truth, strays, words, received_ns)
 
     def _cycle(
         self,
@@ -85,13 +96,18 @@ class Recorder:
         truth: Iterable[Truth],
         strays: Iterable[tuple[str, int]],
         words: Sequence[tuple[str, str]],
+        received_ns: Sequence[int],
     ) -> None:
-        write, health_ids = self._writer.frame, self._health_ids
-        time_ns, received_ns = number * CYCLE_NS, time.time_ns()
-        for bus, can_id, data in frames:
-            write(bus, time_ns, can_id, data, received_ns)
+        write, health_ids, watched = self._writer.frame, self._health_ids, self._states.watched
+        time_ns = number * CYCLE_NS
+        for (bus, can_id, data), received in zip(frames, received_ns or repeat(time.time_ns()), strict=False):
+            write(bus, time_ns, can_id, data, received)
             if (bus, can_id) in health_ids:
                 self._note_health(bus, can_id, data, time_ns)
+            elif (bus, can_id) in watched:
+                change = self._states.change(bus, can_id, data)
+                if change:
+                    self._writer.event(time_ns, change.level, change.source, change.text)
         for row in truth:
             self._writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
         for stray in strays:
@@ -140,8 +156,14 @@ class Recorder:
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:
         before = self._health.get((bus, can_id))
         self._health[bus, can_id] = data
-        if data == before or (before is None and not any(data)):
+        if data == before:
             return
+        name, counts = self._counts(bus, can_id, data)
+        if any(counts.values()) if before is None else counts != self._counts(bus, can_id, before)[1]:
+            words = ", ".join(f"{signal} {value:g}" for signal, value in counts.items())
+            self._writer.event(time_ns, "warning", bus, f"{name}: {words}")
+
+    def _counts(self, bus: str, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
+        """Name and counts of a health message; the states of reception that it shows as well come and go."""
         name, values = self._codecs[bus].decode(can_id, data)
-        counts = ", ".join(f"{signal} {value:g}" for signal, value in values.items())
-        self._writer.event(time_ns, "warning", bus, f"{name}: {counts}")
+        return name, {signal: value for signal, value in values.items() if signal in _COUNTS}

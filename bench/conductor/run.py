@@ -1,20 +1,25 @@
 """A run from start to end: buses, processes, log."""
 
 import gc
+import os
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.bus.address import Address, settle
 from bench.bus.codec import load_codecs
-from bench.bus.link import open_link
+from bench.bus.fault_plan import FaultBoard, FaultPlan
+from bench.bus.link import LinkError, open_link
+from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
+from bench.conductor.realtime import Realtime
+from bench.conductor.seats import Seats, free_seats, refuse_outages
 from bench.conductor.stage import Stage
-from bench.ecu.main import DEFAULT_ECUS, ecu_name, load_class
+from bench.ecu.main import DEFAULT_ECUS, load_class
 from bench.errors import BadInput, RunFailed
 from bench.plant.description import read_description
 from bench.scenario import Scenario
@@ -26,6 +31,9 @@ READY_S = 60.0
 
 SILENCE_S = 10.0
 """Wall-clock time in s without a frame after which a run has failed."""
+
+WITHOUT_WAIT_S = 120.0
+"""Wall-clock time in s that a run waits for the ECUs it is to go without, which somebody starts by hand."""
 
 GRACE_S = 1.0
 """Wall-clock time in s that processes have to stop before they are killed."""
@@ -41,6 +49,8 @@ class RunResult:
         startup_s: wall-clock time in s from the call of `run` to the first BenchSync.
         cycles: number of cycles.
         frames_lost: frames that anyone on the buses has lost.
+        deadline_misses: in real time by name: of an ECU, or of the plant on one bus (veh1.plant).
+        scheduling: in real time what the kernel has granted, in words.
     """
 
     path: Path
@@ -48,6 +58,8 @@ class RunResult:
     startup_s: float
     cycles: int
     frames_lost: int
+    deadline_misses: Mapping[str, int] = field(default_factory=dict)
+    scheduling: str = ""
 
 
 @dataclass(frozen=True)
@@ -66,9 +78,12 @@ def run(
     command_line: Sequence[str],
     on_progress: Callable[[float], None] | None = None,
     ecus: Mapping[str, str] = DEFAULT_ECUS,
-    external: Collection[str] = (),
+    without: Collection[str] = (),
+    without_wait_s: float = WITHOUT_WAIT_S,
+    on_waiting: Callable[[str], None] | None = None,
     fmu: Path | None = None,
     silence_s: float = SILENCE_S,
+    realtime: bool = False,
 ) -> RunResult:
     """Run a scenario and log it.
 
@@ -79,9 +94,12 @@ def run(
         command_line: how the run was called, for the log.
         on_progress: called now and then with the simulated time in s.
         ecus: class of each role's ECU, as `bench.ecu.main.load_class` takes it.
-        external: names of ECUs that are not to be started, as they run elsewhere: `veh1.planner`.
+        without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
+        without_wait_s: wall-clock time in s that the run waits for them.
+        on_waiting: called with a line for a person before the run waits for them.
         fmu: the vehicle; None for the one that `platoon fmu build` made.
         silence_s: wall-clock time in s without a frame after which the run has failed.
+        realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
 
     Raises:
         BadInput: the log exists, the FMU is missing, an ECU cannot be loaded, a bus cannot be opened; nothing was
@@ -94,28 +112,44 @@ def run(
         raise BadInput(f"the log {out} exists; give another file with --out, or remove it")
     fmu = fmu or _built_fmu()
     vehicles = len(scenario.vehicles)
-    _check_ecus(ecus, external, vehicles, address)
+    free = free_seats(without, vehicles, address)
+    refuse_outages(scenario.faults, without)
+    _check_ecus(ecus)
+    if realtime and address.hub is not None:
+        raise BadInput("--clock realtime: with --can direct all is in one process; take --can udp, vcan, IFACE:CHANNEL")
     with ExitStack() as stack:
         settled = stack.enter_context(settle(address, vehicles))
         codecs = load_codecs(vehicles)
-        stage = Stage(scenario, settled, codecs, fmu, read_description(fmu), ecus, external)
+        board = FaultBoard.create()
+        stack.callback(os.close, board)
+        plan = FaultPlan(scenario.faults, scenario.seed, FaultBoard(board))
+        stage = Stage(scenario, settled, codecs, fmu, read_description(fmu), ecus, without, plan, board, realtime)
         links = {bus: stack.enter_context(open_link(bus, settled)) for bus in codecs}
         interrupts = stack.enter_context(Interrupts())
         stack.enter_context(as_batch_work())
-        lockstep = Lockstep(links, codecs, vehicles, silence_s)
-        crew = stage.crew(links, lockstep, interrupts, stack)
+        desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, out, without))
+        go_on = scenario.on_ecu_failure == "continue"
+        seats = Seats(free, codecs, vehicles)
+        clock = Realtime if realtime else Lockstep
+        conducted: Lockstep | Realtime = clock(links, codecs, vehicles, silence_s, desk, seats, go_on=go_on)
+        crew = stage.crew(links, conducted, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
+        from bench.bus.timing import BusTimeline
         from bench.conductor.recorder import open_recorder
 
-        recorder = open_recorder(out, stage, command_line)
+        recorder = open_recorder(out, stage, command_line, BusTimeline(codecs, crew.inputs, realtime=realtime))
         startup_s = 0.0
         ending = _Ending("failed", "the conductor failed")
         try:
             crew.wait_ready(READY_S)
+            if free and on_waiting is not None:
+                there = "; ".join(seat.described(settled) for seat in free)
+                on_waiting(f"waiting for {there} (at most {without_wait_s:g} s) ...")
+            seats.wait(crew, without_wait_s)
             startup_s = time.perf_counter() - called
             # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
             gc.freeze()
-            lockstep.run(crew, recorder, scenario.cycles, on_progress)
+            conducted.run(crew, recorder, scenario.cycles, on_progress)
             problems = crew.stop(GRACE_S)
             ending = _Ending("failed", "\n".join(problems)) if problems else _Ending("completed")
         except Interrupted as error:
@@ -125,46 +159,39 @@ def run(
         finally:
             gc.unfreeze()
             if ending.status != "completed":
-                lockstep.stop()
+                with suppress(LinkError):
+                    # It may be a bus that has gone down; then the others' nodes are told, and the rest is killed.
+                    conducted.stop()
                 crew.stop(GRACE_S / 2)
-                lockstep.record_rest(recorder)
-                recorder.event(lockstep.cycle, "fatal", "conductor", ending.reason)
+                conducted.record_rest(recorder)
+                recorder.event(conducted.cycle, "fatal", "conductor", ending.reason)
             lost = recorder.frames_lost() + sum(link.frames_lost() for link in links.values())
             recorder.close(
                 {
                     "status": ending.status,
                     "reason": ending.reason,
-                    "wall_s": f"{lockstep.wall_s:.6f}",
+                    "wall_s": f"{conducted.wall_s:.6f}",
                     "startup_s": f"{startup_s:.6f}",
-                    "cycles": str(lockstep.cycles),
+                    "cycles": str(conducted.cycles),
                     "frames_lost": str(lost),
                     "e2e_errors": str(recorder.e2e_errors()),
                 }
             )
     if ending.status == "completed":
-        return RunResult(out, lockstep.wall_s, startup_s, lockstep.cycles, lost)
+        timing = (conducted.misses, conducted.scheduling) if isinstance(conducted, Realtime) else ()
+        return RunResult(out, conducted.wall_s, startup_s, conducted.cycles, lost, *timing)
     there = f"The log up to there is {out}"
     if ending.status == "interrupted":
         raise Interrupted(f"The run was {ending.reason}\n{there}")
     raise RunFailed(f"The run has failed: {ending.reason}\n{there}")
 
 
-def _check_ecus(ecus: Mapping[str, str], external: Collection[str], vehicles: int, address: Address) -> None:
-    """Refuse ECUs that cannot be loaded, and external ones that could not take part.
+def _check_ecus(ecus: Mapping[str, str]) -> None:
+    """Refuse ECUs that cannot be loaded.
 
     Raises:
-        BadInput: see there.
+        BadInput: see `load_class`.
     """
-    names = [ecu_name(role, vehicle) for role in ecus for vehicle in range(1, vehicles + 1)]
-    unknown = [name for name in external if name not in names]
-    if unknown:
-        raise BadInput(f"--external {', '.join(unknown)}: the scenario has {', '.join(names)}")
-    if external and address.hub is not None:
-        raise BadInput(
-            "--external: with --can direct all is in one process; allowed: --can udp:PORT, vcan, IFACE:CHANNEL"
-        )
-    if external and address == Address.parse("udp"):
-        raise BadInput("--external: the ECU must know where the buses are; give the port, as in --can udp:45000")
     for role, spec in ecus.items():
         # The bench's own are not tried here: that would import what the conductor does not need.
         if spec != DEFAULT_ECUS.get(role):

@@ -14,12 +14,14 @@ from pathlib import Path
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import DBC_DIR, Codec
+from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import Node
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT, Topic
+from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
-from bench.conductor.direct import DirectCrew
+from bench.conductor.direct import DirectCrew, Maker
 from bench.conductor.interrupts import Interrupts
 from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
 from bench.plant.description import FmuDescription
@@ -39,7 +41,10 @@ class Stage:
         fmu: the vehicle's FMU file.
         description: its modelDescription.
         ecus: class of each role's ECU, as `bench.ecu.main.load_class` takes it.
-        external: names of ECUs that are not to be started.
+        without: names of ECUs that are not to be started.
+        plan: the faults of the run.
+        board: file descriptor of the fault board, which `plan` reads.
+        realtime: whether the wall clock paces the cycles.
     """
 
     scenario: Scenario
@@ -48,7 +53,10 @@ class Stage:
     fmu: Path
     description: FmuDescription
     ecus: Mapping[str, str]
-    external: Collection[str]
+    without: Collection[str]
+    plan: FaultPlan
+    board: int
+    realtime: bool = False
 
     @property
     def vehicles(self) -> int:
@@ -63,10 +71,10 @@ class Stage:
             RunFailed: in one process: the FMU cannot be loaded.
         """
         if self.address.hub is None:
-            crew = ProcessCrew(self._members(), tuple(self.ecus.values()), links, listener, interrupts)
+            crew = ProcessCrew(self._members(), tuple(self.ecus.values()), links, listener, interrupts, self.board)
             return stack.enter_context(crew)
-        nodes, inputs = self._nodes(listener, stack)
-        return DirectCrew(nodes, inputs, links, listener, interrupts)
+        names = [ecu_name(role, vehicle) for role, vehicle in self._roles()]
+        return DirectCrew(self._plant(listener, stack), names, self._maker(stack), links, listener, interrupts)
 
     def metadata(self, command_line: Sequence[str]) -> dict[str, str]:
         """What the log says of the run before it begins."""
@@ -75,7 +83,7 @@ class Stage:
             "seed": str(self.scenario.seed),
             "duration_s": f"{self.scenario.duration_s:g}",
             "buses": str(self.address),
-            "clock": "lockstep",
+            "clock": "realtime" if self.realtime else "lockstep",
             "command_line": shlex.join(command_line),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "host": socket.gethostname(),
@@ -107,30 +115,36 @@ class Stage:
                 (self.ecus[role], role, vehicle, self.scenario, self.address),
             )
             for role, vehicle in self._roles()
-            if ecu_name(role, vehicle) not in self.external
+            if ecu_name(role, vehicle) not in self.without
         ]
-        return [plant, *ecus]
+        if not self.realtime:
+            return [plant, *ecus]
+        arguments = (self.vehicles, self.scenario.cycles, self.address)
+        return [plant, *ecus, Member(CLOCK, "bench.conductor.clock:serve_clock", arguments, on_call=True)]
 
-    def _nodes(self, listener: Listener, stack: ExitStack) -> tuple[list[Node], dict[str, Sequence[Topic]]]:
+    def _plant(self, listener: Listener, stack: ExitStack) -> list[Node]:
         # The plant's imports are for this process only if it is the plant.
         from bench.plant.main import make_nodes
-
-        load_classes(self.ecus.values())
 
         def truth(vehicle: int, cycle: int, values: Sequence[float]) -> None:
             listener.truth(Truth(vehicle, cycle, tuple(values)))
 
-        nodes: list[Node] = []
-        nodes += make_nodes(
-            self.scenario, self.fmu, lambda bus: open_link(bus, self.address), self.codecs, truth, stack
-        )
-        inputs: dict[str, Sequence[Topic]] = {}
-        for role, vehicle in self._roles():
+        def link(bus: str) -> Link:
+            return open_link(bus, self.address)
+
+        return [*make_nodes(self.scenario, self.fmu, link, self.codecs, truth, stack, self.plan)]
+
+    def _maker(self, stack: ExitStack) -> Maker:
+        load_classes(self.ecus.values())
+        places = {ecu_name(role, vehicle): (role, vehicle) for role, vehicle in self._roles()}
+
+        def make(name: str) -> tuple[Node, tuple[Topic, ...]]:
+            role, vehicle = places[name]
             links = {bus: stack.enter_context(open_link(bus, self.address)) for bus in buses_of(role, vehicle)}
-            node, ecu = make_node(self.ecus[role], role, vehicle, self.scenario, links, self.codecs)
-            nodes.append(node)
-            inputs[node.name] = ecu.inputs
-        return nodes, inputs
+            node, ecu = make_node(self.ecus[role], role, vehicle, self.scenario, links, self.codecs, self.plan)
+            return node, tuple(ecu.inputs)
+
+        return make
 
 
 def _version(package: str) -> str:

@@ -18,9 +18,20 @@ from bench.control.flocking import acceleration
 from bench.control.genetic import search
 from bench.control.near_identity import input_rates, point, velocity
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
+from bench.control.slow_down import slow_down
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]
+
+FOLLOWS_MPS = 1.0
+"""How far (m/s) the speed reference may be off the own speed, so that it does not run away from a vehicle that does not
+follow; one that follows is ten times nearer."""
+
+RESUMED_CYCLES = 5
+"""Cycles that a planner was not there for, after which it begins with the own motion again."""
+
+REJOINED_M = 2.0
+"""Distance (m) to its slot at which a vehicle has come back to it."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,7 @@ class PlannerOutput:
         neighbours: how many vehicles are within reach.
         gains: (6,) Lambda in use.
         cost: of the last search.
+        leader_x: where the foremost slot is now; 0 while there are no slots, m.
         optimise_s: wall-clock time of this step's search, 0 where there was none, s.
     """
 
@@ -94,6 +106,7 @@ class PlannerOutput:
     neighbours: int
     gains: Vector
     cost: float
+    leader_x: float
     optimise_s: float
 
 
@@ -150,6 +163,8 @@ class Planner:
             settings.speed_min_mps,
             settings.speed_max_mps,
         ).as_vector()
+        self._emergency_limits = self._limits.copy()
+        self._emergency_limits[4] = max(settings.emergency_braking_mps2, settings.acceleration_max_mps2)
         self._field = np.array([settings.sigma_eps, goal.gap, settings.reach_factor * goal.gap, settings.bump_flat])
         self._lower, self._upper = settings.genetic.bounds()
         self._weights = settings.genetic.weights()
@@ -162,22 +177,64 @@ class Planner:
         self._slot: int | None = None
         self._leader_start = 0.0
         self._leader_time = 0.0
+        self._rejoining = False
+        self._cycle: int | None = None
 
-    def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> None:
-        """Fix slots and the leader slot's start from where all vehicles (by number) were at `time_s`."""
+    def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> dict[int, int]:
+        """Fix slots and the leader slot's start from where all vehicles (by number) were at `time_s`.
+
+        Returns:
+            The slot, from 1 at the head, of every vehicle by number.
+        """
         numbers = sorted(starts)
         slots = slot_order([(starts[n].X, starts[n].Y) for n in numbers])
         self._slot = slots[numbers.index(self._number)]
         middle = sum(starts[n].X for n in numbers) / len(numbers)
         self._leader_start = middle + 0.5 * (len(numbers) - 1) * self._goal.gap
         self._leader_time = time_s
+        return {number: slot + 1 for number, slot in zip(numbers, slots, strict=True)}
+
+    def join(self, slot: int, leader_x: float, time_s: float) -> None:
+        """Take a slot (from 1) of a platoon under way, whose foremost slot is at `leader_x` (m) at `time_s`."""
+        self._slot = slot - 1
+        self._leader_start, self._leader_time = leader_x, time_s
+        self._rejoining = True
 
     @property
     def assigned(self) -> bool:
         """Slots have been assigned."""
         return self._slot is not None
 
-    def step(self, cycle: int, time_s: float, own: Motion, v_x: float, peers: Mapping[int, Motion]) -> PlannerOutput:
+    def fall_back_braking(self, slot: int) -> float:
+        """Braking (m/s^2) of a vehicle in a slot (from 1) that opens the gap: harder, the further back.
+
+        So that vehicles behind each other that all fall back come apart, and all brake harder than one that slows down
+        in its lane.
+        """
+        gentle = self.settings.slow_down_mps2
+        hard = max(gentle, self.settings.acceleration_max_mps2)
+        return gentle + (hard - gentle) * (slot - 1) / max(self._count, 1)
+
+    def slow_down(self, cycle: int, time_s: float, own: Motion, v_x: float) -> PlannerOutput:
+        """One cycle of leaving the platoon: slow down in the lane."""
+        v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
+        self._rejoining = self._slot is not None
+        v, gamma = slow_down(
+            v, gamma, own.course, self.settings.slow_down_mps2, self.settings.speed_min_mps, self._step_s
+        )
+        self._reference = (v, gamma)
+        return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, self._leader_x(time_s), 0.0)
+
+    def step(
+        self,
+        cycle: int,
+        time_s: float,
+        own: Motion,
+        v_x: float,
+        peers: Mapping[int, Motion],
+        braking: float | None = None,
+        make_way_x: float | None = None,
+    ) -> PlannerOutput:
         """One cycle: optimise where an interval begins, then advance the reference by (15).
 
         Args:
@@ -186,22 +243,18 @@ class Planner:
             own: own motion now.
             v_x: own longitudinal velocity now, from which the first reference starts, m/s.
             peers: the others' motion now, by number.
+            braking: how hard to fall back (m/s^2) from a vehicle ahead that cannot be trusted; None to keep the slot.
+            make_way_x: where to be at least (m), to keep clear of a vehicle that comes from behind; None for nothing.
         """
-        if self._reference is None:
-            self._reference = (min(max(v_x, self._limits[6]), self._limits[7]), 0.0)
-        v, gamma = self._reference
+        v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
         if self._slot is None:
-            return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, 0.0)
+            return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, 0.0, 0.0)
 
-        target = np.array(
-            [
-                self._leader_start + self._goal.speed * (time_s - self._leader_time) - self._slot * self._goal.gap,
-                self._goal.lane_y,
-            ]
-        )
+        leader_x = self._leader_x(time_s)
+        target = self._target(leader_x, own, make_way_x, falling_back=braking is not None)
         peers_q, peers_p = self._points(peers)
         optimise_s = 0.0
-        if cycle % self._interval == 0:
+        if cycle % self._interval == 0 and braking is None:
             begin = perf_counter()
             self._optimise(cycle // self._interval, own, v, gamma, target, peers_q, peers_p)
             optimise_s = perf_counter() - begin
@@ -212,10 +265,45 @@ class Planner:
         p_hat = np.array([self._goal.speed, 0.0])
         u_x, u_y = acceleration(q, p, peers_q, peers_p, q_hat, p_hat, self._gains, *self._field)
         v_rate, gamma_rate = input_rates(own.course, v, gamma, self._length, u_x, u_y)
-        v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, self._limits)
+        limits = self._limits
+        if braking is not None:
+            v_rate, limits = -braking, self._emergency_limits
+        v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
         self._reference = (v, gamma)
         near = int((np.hypot(*(peers_q - q).T) < self._field[2]).sum())
-        return self._output(v, gamma, Limit(bound), target, near, optimise_s)
+        return self._output(v, gamma, Limit(bound), target, near, leader_x, optimise_s)
+
+    def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
+        """The reference to go on from: the last one, where the vehicle has followed it; else the own motion."""
+        expected, self._cycle = self._cycle, cycle + 1
+        lowest, highest = self._limits[6], self._limits[7]
+        if self._reference is None:
+            self._reference = (min(max(v_x, lowest), highest), 0.0)
+        elif expected is not None and cycle - expected >= RESUMED_CYCLES:
+            self._reference = (min(max(v_x, lowest), highest), yaw_rate)
+        v, gamma = self._reference
+        v = min(max(v, v_x - FOLLOWS_MPS), v_x + FOLLOWS_MPS)
+        return min(max(v, lowest), highest), gamma
+
+    def _leader_x(self, time_s: float) -> float:
+        return self._leader_start + self._goal.speed * (time_s - self._leader_time)
+
+    def _target(self, leader_x: float, own: Motion, make_way_x: float | None, *, falling_back: bool) -> Vector:
+        """Where to go: to the slot; while falling back across only, and afterwards not too fast."""
+        slot_x = leader_x - (self._slot or 0) * self._goal.gap
+        if make_way_x is not None and make_way_x > slot_x:
+            slot_x = make_way_x
+            self._rejoining = True
+        error = slot_x - own.X
+        if falling_back:
+            self._rejoining = True
+            return np.array([own.X, self._goal.lane_y])
+        if abs(error) < REJOINED_M:
+            self._rejoining = False
+        if self._rejoining:
+            most = self.settings.rejoin_error_m
+            slot_x = own.X + min(max(error, -most), most)
+        return np.array([slot_x, self._goal.lane_y])
 
     def _points(self, peers: Mapping[int, Motion]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The others' points S (n, 2) and velocities W (n, 2), in order of their numbers."""
@@ -259,8 +347,17 @@ class Planner:
         self._gains = self._gains + self.settings.gain_share * (self._best - self._gains)
 
     def _output(
-        self, v: float, gamma: float, limit: Limit, target: Vector, neighbours: int, optimise_s: float
+        self,
+        v: float,
+        gamma: float,
+        limit: Limit,
+        target: Vector,
+        neighbours: int,
+        leader_x: float,
+        optimise_s: float,
     ) -> PlannerOutput:
         margin = 1.0 - abs(gamma) / yaw_rate_max(v, self._limits[0])
         slot = 0 if self._slot is None else self._slot + 1
-        return PlannerOutput(v, gamma, limit, margin, slot, target, neighbours, self._gains, self._cost, optimise_s)
+        return PlannerOutput(
+            v, gamma, limit, margin, slot, target, neighbours, self._gains, self._cost, leader_x, optimise_s
+        )

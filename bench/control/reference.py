@@ -7,13 +7,15 @@ far and solves a box-constrained quadratic programme.
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.allocation import Allocation
 from bench.control.quadratic import minimise
-from bench.control.vehicle_model import VehicleModel
+from bench.control.vehicle_model import VehicleModel, linearise, step
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,8 @@ def reference_input(
     z = np.clip(start / limit, -ones, ones)
     solved = True
     for _ in range(passes):
-        U = allocation.matrix @ (limit * z)
-        B = model.linearise(xi, U).B @ allocation.matrix * limit
-        miss = model.step(xi, U) - xi_next - B @ z
-        weighted = B.T * state_weight
-        found = minimise(weighted @ B + np.diag(input_weight), weighted @ miss, -ones, ones)
+        cost = _cost(model.numbers, allocation.matrix, limit, xi, xi_next, z, state_weight, input_weight)
+        found = minimise(*cost, -ones, ones)
         if not found.solved:
             solved = False
             break
@@ -72,3 +71,22 @@ def reference_input(
     u = limit * z
     residual = model.step(xi, allocation.matrix @ u) - xi_next
     return ReferenceInput(u, residual, solved)
+
+
+@njit(cache=True)
+def _cost(
+    numbers: Vector,
+    allocation: Matrix,
+    limit: Vector,
+    xi: Vector,
+    xi_next: Vector,
+    z: Vector,
+    state_weight: Vector,
+    input_weight: Vector,
+) -> tuple[Matrix, Vector]:
+    """Hessian (3, 3) and gradient (3,) of (21) about the input `limit * z`; see `reference_input`."""
+    U = allocation @ (limit * z)
+    B = linearise(numbers, xi, U)[1] @ allocation * limit
+    miss = step(numbers, xi, U) - xi_next - B @ z
+    weighted = np.ascontiguousarray(B.T) * state_weight
+    return weighted @ B + np.diag(input_weight), weighted @ miss

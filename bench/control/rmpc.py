@@ -7,10 +7,12 @@ The solver is not believed: `certified_cost` checks the result itself, at every 
 used, and the tau reported is the one it proves.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.robust_program import Answer, RobustProgram
@@ -19,6 +21,7 @@ from bench.control.vehicle_model import LinearModel
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Stack = NDArray[np.float64]
 
 N = 3
 _SMALLEST = 0.01
@@ -81,9 +84,8 @@ class RobustController:
         self._state_scale = state_scale
         self._input_scale = input_scale
         self._rho = input_weight
-        self._corners = [(1.0, 1.0), (-1.0, -1.0)]
-        if independent:
-            self._corners += [(1.0, -1.0), (-1.0, 1.0)]
+        corners = [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
+        self._corners = np.array(corners if independent else corners[:2])
         self._unbounded, self._bounded = (
             RobustProgram(
                 input_scale.size,
@@ -105,17 +107,15 @@ class RobustController:
             u_max: (m,) room of each input about its target, positive.
         """
         x, u = self._state_scale, self._input_scale
-        scaled = LinearModel(
-            model.A / x[:, None] * x, model.B / x[:, None] * u, model.H / x[:, None], model.N1 * x, model.N2 * u
-        )
+        scaled = LinearModel(*_scaled(model.A, model.B, model.H, model.N1, model.N2, x, u))
         # The program is homogeneous: in units of the deviation itself all its numbers are near one. A deviation too
         # small to matter is treated as a larger one in its direction, which a proof for the larger one covers.
         z = chi / x
-        size = float(np.linalg.norm(z))
+        size = math.sqrt(z @ z)
         z = z / size if size > 0.0 else np.eye(N)[0]
         size = max(size, _SMALLEST)
         room = np.minimum(u_max / u / size, _LARGEST_ROOM)
-        models = [scaled.at(*corner) for corner in self._corners]
+        models = _vertices(scaled.A, scaled.B, scaled.H, scaled.N1, scaled.N2, self._corners)
 
         for program in (self._unbounded, self._bounded):
             answer = program.solve(scaled, z, room)
@@ -125,19 +125,17 @@ class RobustController:
         return Gain(K * u[:, None] / x, answer.P * size**2, tau * size**2, status, answer.iterations)
 
     def _certify(
-        self, answer: Answer, models: Sequence[tuple[Matrix, Matrix]], z: Vector, room: Vector
+        self, answer: Answer, models: tuple[Stack, Stack], z: Vector, room: Vector
     ) -> tuple[Matrix, float, SolverStatus]:
         """Gain and cost in scaled units, and SOLVED only where the certificate holds; else the gain is 0."""
         none = np.zeros_like(answer.Y)
         if answer.status not in (SolverStatus.SOLVED, SolverStatus.ALMOST_SOLVED):
             return none, answer.tau, answer.status
-        P = answer.P
-        if np.isfinite(P).all() and np.linalg.det(P) > 0.0:
-            K = np.asarray(np.linalg.solve(P, answer.Y.T).T, dtype=np.float64)
-            proven = certified_cost(K, P, self._rho, models, z, room)
-            # The proof asks for a cost close to the solver's: far from it, the solve itself went wrong.
-            if proven is not None and proven <= _LARGEST_COST_RATIO * answer.tau:
-                return K, proven, SolverStatus.SOLVED
+        K = _gain(answer.P, answer.Y)
+        proven = float(_proven_cost(K, answer.P, self._rho, *models, z, room))
+        # The proof asks for a cost close to the solver's: far from it, the solve itself went wrong.
+        if proven <= _LARGEST_COST_RATIO * answer.tau:
+            return K, proven, SolverStatus.SOLVED
         return none, answer.tau, SolverStatus.CHECK_FAILED
 
 
@@ -158,24 +156,64 @@ def certified_cost(
         z: (3,) deviation.
         room: (m,) input room.
     """
+    A, B = (np.stack(matrices) for matrices in zip(*models, strict=True))
+    proven = float(_proven_cost(np.ascontiguousarray(K), P, rho, A, B, z, room))
+    return proven if math.isfinite(proven) else None
+
+
+@njit(cache=True)
+def _proven_cost(K: Matrix, P: Matrix, rho: float, A: Stack, B: Stack, z: Vector, room: Vector) -> float:
+    """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and nan where nothing is proven."""
+    if not (np.isfinite(P).all() and np.isfinite(K).all()):
+        return math.nan
     values, axes = np.linalg.eigh(P)
-    if not (np.isfinite(K).all() and values[0] > _SMALLEST_AXIS):
-        return None
+    if not values[0] > _SMALLEST_AXIS:
+        return math.nan
     # In the coordinates in which the ellipsoid is the unit ball, every condition is about a norm.
     root = axes * np.sqrt(values)
-    inverse = (axes / np.sqrt(values)).T
+    inverse = np.ascontiguousarray((axes / np.sqrt(values)).T)
     gain = K @ root
-    radius = float(np.linalg.norm(inverse @ z))
-    # Asked this way round, a room that is not a number is refused.
-    if not (radius * np.linalg.norm(gain, axis=1) <= 1.001 * room).all():
-        return None
+    radius = np.linalg.norm(inverse @ z)
+    for j in range(room.size):
+        # Asked this way round, a room that is not a number is refused.
+        if not radius * np.linalg.norm(gain[j]) <= 1.001 * room[j]:
+            return math.nan
     stage = root.T @ root + rho * gain.T @ gain
-    A, B = np.stack([A for A, _ in models]), np.stack([B for _, B in models])
-    step = inverse @ (A @ root + B @ gain)
-    shrink = np.eye(N) - step.transpose(0, 2, 1) @ step
-    if np.linalg.eigvalsh(shrink).min() <= 0.0:
-        return None
-    # The smallest tau with shrink >= stage / tau.
-    factor = np.linalg.inv(np.linalg.cholesky(shrink))
-    cost = float(np.linalg.eigvalsh(factor @ stage @ factor.transpose(0, 2, 1)).max())
-    return cost * radius**2
+    cost = 0.0
+    for k in range(len(A)):
+        step = inverse @ (A[k] @ root + B[k] @ gain)
+        shrink = np.eye(N) - step.T @ step
+        if not np.linalg.eigvalsh(shrink)[0] > 0.0:
+            return math.nan
+        # The smallest tau with shrink >= stage / tau.
+        factor = np.linalg.inv(np.linalg.cholesky(shrink))
+        cost = max(cost, np.linalg.eigvalsh(factor @ stage @ factor.T)[-1])
+    return float(cost * radius**2)
+
+
+@njit(cache=True)
+def _gain(P: Matrix, Y: Matrix) -> Matrix:
+    """K = Y P^-1 (m, 3); not numbers where P has no inverse."""
+    if not (np.isfinite(P).all() and np.linalg.det(P) > 0.0):
+        return np.full_like(Y, np.nan)
+    return np.ascontiguousarray(np.linalg.solve(P, Y.T).T)
+
+
+@njit(cache=True)
+def _scaled(
+    A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, x: Vector, u: Vector
+) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
+    """A, B, H, N1, N2 of the same model in units x (3,) of the states and u (m,) of the inputs."""
+    row = x.reshape(N, 1)
+    return A / row * x, B / row * u, H / row, N1 * x, N2 * u
+
+
+@njit(cache=True)
+def _vertices(A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, corners: Matrix) -> tuple[Stack, Stack]:
+    """A (n, 3, 3) and B (n, 3, m) of a model at (n, 2) pairs lambda_f, lambda_r; see `LinearModel.at`."""
+    n = len(corners)
+    at_A, at_B = np.empty((n, *A.shape)), np.empty((n, *B.shape))
+    for k in range(n):
+        spread = H * np.array([corners[k, 0], corners[k, 0], corners[k, 1]])
+        at_A[k], at_B[k] = A + spread @ N1, B + spread @ N2
+    return at_A, at_B

@@ -16,6 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.semidefinite import Entry, SemidefiniteProgram, SolverStatus
@@ -30,7 +31,7 @@ _COST_UNIT = 300.0
 """The program counts tau in this unit, a usual cost of a deviation of one: so tau is near one as well."""
 _UNCERTAINTY, _DECREASE, _START, _FIRST_BOUND = 2, 3, 4, 5
 """Blocks of the program; those of the stage cost, which never change, are 0 and 1."""
-_TRIANGLE = [(i, j) for j in range(N) for i in range(j + 1)]
+_TRIANGLE = tuple((i, j) for j in range(N) for i in range(j + 1))
 
 
 @dataclass(frozen=True)
@@ -82,10 +83,15 @@ class RobustProgram:
         cost[v.tau] = 1.0
         self._program = program = SemidefiniteProgram(cost, blocks, tolerance=tolerance, max_iterations=max_iterations)
         step = [(row, N + column, variable) for row, column, variable in _transposed_step(v)]
-        self._of_step = program.coefficient_positions(_DECREASE, step)
-        self._of_uncertainty = program.coefficient_positions(_UNCERTAINTY, step)
+        of_step = program.coefficient_positions(_DECREASE, step)
+        of_uncertainty = program.coefficient_positions(_UNCERTAINTY, step)
         spread = [(N + i, N + j, v.E(*pair)) for i, j in _TRIANGLE for pair in self._multiplier]
-        self._of_multiplier = program.coefficient_positions(_DECREASE, spread)
+        of_multiplier = program.coefficient_positions(_DECREASE, spread)
+        # In the order of `_numbers`.
+        positions, scales = zip(of_step, of_uncertainty, of_multiplier, strict=True)
+        self._of_model = np.concatenate(positions), np.concatenate(scales)
+        self._pairs = np.array(self._multiplier)
+        self._of_P = np.array([[v.P(i, j) for j in range(N)] for i in range(N)])
         self._of_start = program.constant_positions(_START, [(0, 1), (0, 2), (0, 3)])
         self._of_bounds = [
             program.coefficient_positions(_FIRST_BOUND + j, [(0, 1 + c, v.Y(j, c)) for c in range(N)])
@@ -103,31 +109,46 @@ class RobustProgram:
         self._set(model, z, room)
         solution = self._program.solve()
         v, x = self._variables, solution.x
-        P = np.array([[x[v.P(i, j)] for j in range(N)] for i in range(N)])
-        return Answer(P, x[v.all_Y].reshape(-1, N), float(x[v.tau]) * _COST_UNIT, solution.status, solution.iterations)
+        tau = float(x[v.tau]) * _COST_UNIT
+        return Answer(x[self._of_P], x[v.all_Y].reshape(-1, N), tau, solution.status, solution.iterations)
 
     def _set(self, model: LinearModel, z: Vector, room: Vector) -> None:
         program = self._program
-        # H and N share a factor at will; with columns and rows of one length E is near one.
-        rows = np.linalg.norm(np.hstack([model.N1, model.N2]), axis=1)
-        balance = np.sqrt(np.maximum(rows, 1e-12) / np.maximum(np.linalg.norm(model.H, axis=0), 1e-12))
-        H = model.H * balance
-        for (positions, scale), on_P, on_Y in (
-            (self._of_step, model.A, model.B),
-            (self._of_uncertainty, model.N1 / balance[:, None], model.N2 / balance[:, None]),
-        ):
-            numbers = np.concatenate([np.repeat(on_P, N, axis=0).ravel(), np.repeat(on_Y, N, axis=0).ravel()])
-            program.set_coefficients(positions, scale * numbers)
-        positions, scale = self._of_multiplier
-        spread = [
-            -H[i, k] * H[j, n] if k == n else -(H[i, k] * H[j, n] + H[i, n] * H[j, k])
-            for i, j in _TRIANGLE
-            for k, n in self._multiplier
-        ]
-        program.set_coefficients(positions, scale * np.array(spread))
+        positions, scale = self._of_model
+        numbers = _numbers(model.A, model.B, model.H, model.N1, model.N2, self._pairs)
+        program.set_coefficients(positions, scale * numbers)
         program.set_constants(self._of_start[0], self._of_start[1] * z)
         for (positions, scale), bound in zip(self._of_bounds, room, strict=False):
             program.set_coefficients(positions, scale / bound)
+
+
+@njit(cache=True)
+def _numbers(A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, pairs: NDArray[np.intp]) -> Vector:
+    """The coefficients that a model gives: of the step, of the uncertainty, and of E in `-H E H'` for its `pairs`."""
+    inputs = B.shape[1]
+    numbers = np.empty(2 * N * N * (N + inputs) + len(_TRIANGLE) * len(pairs))
+    place = 0
+    # H and N share a factor at will; with columns and rows of one length E is near one.
+    balance = np.empty(N)
+    for k in range(N):
+        row = np.sqrt((N1[k] ** 2).sum() + (N2[k] ** 2).sum())
+        balance[k] = np.sqrt(max(row, 1e-12) / max(np.sqrt((H[:, k] ** 2).sum()), 1e-12))
+    share = balance.reshape(N, 1)
+    H = H * balance
+    for on_P, on_Y in ((A, B), (N1 / share, N2 / share)):
+        for matrix in (on_P, on_Y):
+            for row in matrix:
+                for _ in range(N):
+                    numbers[place : place + row.size] = row
+                    place += row.size
+    for i, j in _TRIANGLE:
+        for k, n in pairs:
+            mixed = H[i, k] * H[j, n]
+            if k != n:
+                mixed += H[i, n] * H[j, k]
+            numbers[place] = -mixed
+            place += 1
+    return numbers
 
 
 class _Variables:

@@ -99,6 +99,9 @@ class PlannerSettings:
         yaw_acceleration_max_radps2: largest change of the yaw rate asked for.
         speed_min_mps: lowest speed asked for.
         speed_max_mps: highest speed asked for.
+        slow_down_mps2: braking of a vehicle that slows down in its lane, as it cannot take part any more.
+        emergency_braking_mps2: largest braking of one that keeps clear of a vehicle ahead that cannot be trusted.
+        rejoin_error_m: distance to its slot that a vehicle acts on while it comes back to it, so that it comes slowly.
         sigma_eps: eps of the sigma-norm.
         reach_factor: r / d, how far neighbours are heard, in gaps.
         bump_flat: G_h of the bump function.
@@ -114,6 +117,9 @@ class PlannerSettings:
     yaw_acceleration_max_radps2: Annotated[float, Ge(0.01), Le(20)] = 1.5
     speed_min_mps: Annotated[float, Ge(1), Le(60)] = 5.0
     speed_max_mps: Annotated[float, Ge(1), Le(60)] = 45.0
+    slow_down_mps2: Annotated[float, Ge(0.1), Le(5)] = 1.5
+    emergency_braking_mps2: Annotated[float, Ge(0.1), Le(10)] = 5.0
+    rejoin_error_m: Annotated[float, Ge(0.5), Le(100)] = 6.0
     sigma_eps: Annotated[float, Ge(1e-3), Le(10)] = 0.1
     reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
     bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2

@@ -11,6 +11,7 @@ ISO 8855 vehicle axes, wheels in the paper's order: 1 front left, 2 rear left, 3
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from platoon_fmu.parameters import VehicleParameters
@@ -60,14 +61,18 @@ class VehicleModel:
     Args:
         vehicle: the nominal parameters (Table 1).
         step_s: sampling time T of the discrete model, s.
+
+    Attributes:
+        numbers: (10,) what the compiled `derivative`, `step` and `linearise` take of the vehicle.
     """
 
     def __init__(self, vehicle: VehicleParameters, step_s: float) -> None:
         self.vehicle = vehicle
         self.step_s = step_s
-        self._Cf2 = 2.0 * vehicle.C_f
-        self._Cr2 = 2.0 * vehicle.C_r
-        self._C_a = vehicle.C_a
+        p = vehicle
+        self.numbers = np.array(
+            [p.M, p.I_z, p.l_f, p.l_r, p.l_t, 2.0 * p.C_f, 2.0 * p.C_r, p.C_a, p.cornering_variation, step_s]
+        )
 
     def derivative(self, xi: Vector, U: Vector) -> Vector:
         """Time derivative of the state, (16)-(18) with the rear tyre's sign corrected.
@@ -79,60 +84,15 @@ class VehicleModel:
         Returns:
             (3,) [m/s^2, m/s^2, rad/s^2], without rolling resistance.
         """
-        p = self.vehicle
-        v_x, v_y, gamma = xi.tolist()
-        delta, F_x1, F_x2, F_x3, F_x4 = U.tolist()
-        F_yf = self._Cf2 * (delta - (v_y + p.l_f * gamma) / v_x)
-        F_yr = self._Cr2 * (p.l_r * gamma - v_y) / v_x
-        F_X = F_x1 + F_x2 + F_x3 + F_x4 - F_yf * delta
-        F_Y = (F_x1 + F_x4) * delta + F_yf + F_yr
-        M_z = 0.5 * p.l_t * (F_x4 - F_x1 + F_x3 - F_x2) + p.l_f * ((F_x1 + F_x4) * delta + F_yf) - p.l_r * F_yr
-        return np.array(
-            [
-                v_y * gamma + (F_X - self._C_a * v_x * v_x) / p.M,
-                -v_x * gamma + F_Y / p.M,
-                M_z / p.I_z,
-            ]
-        )
+        return derivative(self.numbers, xi, U)
 
     def step(self, xi: Vector, U: Vector) -> Vector:
         """The state (3,) one step later by Euler's method, as (19)-(20) are discretised."""
-        return xi + self.step_s * self.derivative(xi, U)
+        return step(self.numbers, xi, U)
 
     def linearise(self, xi: Vector, U: Vector) -> LinearModel:
         """A, B of (20) and dA, dB of (25)-(26) at a state (3,) with v_x > 0 and an input (5,)."""
-        p, T = self.vehicle, self.step_s
-        v, v_y, gamma = xi.tolist()
-        delta, F_x1, _, _, F_x4 = U.tolist()
-        M, I_z, l_f, l_r, l_t = p.M, p.I_z, p.l_f, p.l_r, p.l_t
-        q = v_y + l_f * gamma
-        s = l_r * gamma - v_y
-        F_yf = self._Cf2 * (delta - q / v)
-
-        # How each axle's lateral force moves the state (columns of H), and how the state and the steering move it.
-        H = np.array([[-T * delta / M, -T * F_yf / M, 0.0], [T / M, 0.0, T / M], [T * l_f / I_z, 0.0, -T * l_r / I_z]])
-        front, rear = self._Cf2 / v, self._Cr2 / v
-        of_state = np.array(
-            [[front * q / v, -front, -front * l_f], [0.0, 0.0, 0.0], [-rear * s / v, -rear, rear * l_r]]
-        )
-        of_steering = np.array([self._Cf2, 1.0, 0.0])
-
-        rest = np.array(
-            [[1.0 - 2.0 * T * self._C_a * v / M, T * gamma, T * v_y], [-T * gamma, 1.0, -T * v], [0.0, 0.0, 1.0]]
-        )
-        F_front = F_x1 + F_x4
-        m, i, half = T / M, T / I_z, 0.5 * l_t
-        B = np.array(
-            [
-                [0.0, m, m, m, m],
-                [m * F_front, m * delta, 0.0, 0.0, m * delta],
-                [i * l_f * F_front, i * (l_f * delta - half), -i * half, i * half, i * (half + l_f * delta)],
-            ]
-        )
-        B[:, 0] += H @ of_steering
-        N2 = np.zeros((3, INPUTS))
-        N2[:, 0] = p.cornering_variation * of_steering
-        return LinearModel(rest + H @ of_state, B, H, p.cornering_variation * of_state, N2)
+        return LinearModel(*linearise(self.numbers, xi, U))
 
     def steady_lateral_velocity(self, v_x: float, gamma: float) -> float:
         """v_y (m/s) of steady cornering at v_x > 0 (m/s) and yaw rate gamma (rad/s), no drive force.
@@ -140,4 +100,57 @@ class VehicleModel:
         From (16) with dv_y = dgamma = 0: the rear axle carries M l_f / L of the lateral acceleration.
         """
         p = self.vehicle
-        return gamma * (p.l_r - p.M * p.l_f * v_x**2 / ((p.l_f + p.l_r) * self._Cr2))
+        return gamma * (p.l_r - p.M * p.l_f * v_x**2 / ((p.l_f + p.l_r) * 2.0 * p.C_r))
+
+
+@njit(cache=True)
+def derivative(numbers: Vector, xi: Vector, U: Vector) -> Vector:
+    """See `VehicleModel.derivative`; `numbers` are the model's."""
+    M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, _, _ = numbers
+    v_x, v_y, gamma = xi
+    delta, F_x1, F_x2, F_x3, F_x4 = U
+    F_yf = Cf2 * (delta - (v_y + l_f * gamma) / v_x)
+    F_yr = Cr2 * (l_r * gamma - v_y) / v_x
+    F_X = F_x1 + F_x2 + F_x3 + F_x4 - F_yf * delta
+    F_Y = (F_x1 + F_x4) * delta + F_yf + F_yr
+    M_z = 0.5 * l_t * (F_x4 - F_x1 + F_x3 - F_x2) + l_f * ((F_x1 + F_x4) * delta + F_yf) - l_r * F_yr
+    return np.array([v_y * gamma + (F_X - C_a * v_x * v_x) / M, -v_x * gamma + F_Y / M, M_z / I_z])
+
+
+@njit(cache=True)
+def step(numbers: Vector, xi: Vector, U: Vector) -> Vector:
+    """See `VehicleModel.step`; `numbers` are the model's."""
+    moved: Vector = xi + numbers[9] * derivative(numbers, xi, U)
+    return moved
+
+
+@njit(cache=True)
+def linearise(numbers: Vector, xi: Vector, U: Vector) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
+    """A, B, H, N1, N2 of `VehicleModel.linearise`; `numbers` are the model's."""
+    M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, variation, T = numbers
+    v, v_y, gamma = xi
+    delta, F_x1, _, _, F_x4 = U
+    q = v_y + l_f * gamma
+    s = l_r * gamma - v_y
+    F_yf = Cf2 * (delta - q / v)
+
+    # How each axle's lateral force moves the state (columns of H), and how the state and the steering move it.
+    H = np.array([[-T * delta / M, -T * F_yf / M, 0.0], [T / M, 0.0, T / M], [T * l_f / I_z, 0.0, -T * l_r / I_z]])
+    front, rear = Cf2 / v, Cr2 / v
+    of_state = np.array([[front * q / v, -front, -front * l_f], [0.0, 0.0, 0.0], [-rear * s / v, -rear, rear * l_r]])
+    of_steering = np.array([Cf2, 1.0, 0.0])
+
+    rest = np.array([[1.0 - 2.0 * T * C_a * v / M, T * gamma, T * v_y], [-T * gamma, 1.0, -T * v], [0.0, 0.0, 1.0]])
+    F_front = F_x1 + F_x4
+    m, i, half = T / M, T / I_z, 0.5 * l_t
+    B = np.array(
+        [
+            [0.0, m, m, m, m],
+            [m * F_front, m * delta, 0.0, 0.0, m * delta],
+            [i * l_f * F_front, i * (l_f * delta - half), -i * half, i * half, i * (half + l_f * delta)],
+        ]
+    )
+    B[:, 0] += H @ of_steering
+    N2 = np.zeros((STATES, INPUTS))
+    N2[:, 0] = variation * of_steering
+    return rest + H @ of_state, B, H, variation * of_state, N2

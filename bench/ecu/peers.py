@@ -79,8 +79,18 @@ class PeerWatch:
         self._agreed = RECOVERY_CYCLES
         self._lost = False
 
-    def update(self, inputs: Mapping[Topic, Signals | None], health: Health) -> None:
-        """Take in one cycle's broadcast, which was sent in the cycle before."""
+    def update(self, inputs: Mapping[Topic, Signals | None], health: Health, cycles: int = 1) -> None:
+        """Take in one cycle's broadcast, which was sent in the cycle before.
+
+        Args:
+            inputs: of the cycle, None for what is missing.
+            health: how they are received.
+            cycles: since the last call: more than one where this ECU was not there for some.
+        """
+        if cycles != 1:
+            self._reckoned = None
+            if self.motion is not None:
+                self.motion = self.motion.later((cycles - 1) * CYCLE_S)
         position, motion, status = (inputs[topic] for topic in self.topics)
         self._listen(status)
         lost = any(health.of(topic).lost for topic in self.topics[:2])

@@ -94,6 +94,7 @@ class PlannerEcu:
         self._following = Following()
         self._slots: dict[int, int] = {}
         self._first_cycle: int | None = None
+        self._last_cycle = 0
         self._last_broadcast: Motion | None = None
         self._last: PlannerOutput | None = None
         self._optimise_s = 0.0
@@ -110,10 +111,14 @@ class PlannerEcu:
         """Plan the next cycle's reference and broadcast this cycle's motion."""
         begin = perf_counter()
         if self._first_cycle is None:
-            self._first_cycle = cycle
+            self._first_cycle, self._last_cycle = cycle, cycle - 1
+            if cycle == 0:
+                grid = self._grid[self._vehicle]
+                self._own.start_from(grid.X, grid.Y, grid.course, grid.speed)
+        cycles, self._last_cycle = cycle - self._last_cycle, cycle
         for peer in self._peers.values():
-            peer.update(inputs, health)
-        own = self._listen(inputs)
+            peer.update(inputs, health, cycles)
+        own = self._listen(inputs, cycles)
         cause, manoeuvre = self._own.cause, Manoeuvre.NONE
         if own is not None:
             motion, v_x = own
@@ -129,7 +134,7 @@ class PlannerEcu:
         timing = {"OptimisationTime": self._optimise_s, "StepTime": perf_counter() - begin}
         return [*outgoing, Outgoing(self._bus, "PlannerTiming", {k: 1e6 * v for k, v in timing.items()})]
 
-    def _listen(self, inputs: Mapping[Topic, Signals | None]) -> tuple[Motion, float] | None:
+    def _listen(self, inputs: Mapping[Topic, Signals | None], cycles: int) -> tuple[Motion, float] | None:
         """Own motion and v_x, or None while nothing tells it."""
         frames = {message: inputs[topic] for message, topic in self._own_topics.items()}
         state = self._own.update(
@@ -138,6 +143,7 @@ class PlannerEcu:
             frames["VehicleMotion"],
             frames["WheelSpeedsFront"],
             frames["WheelSpeedsRear"],
+            cycles,
         )
         if state is None:
             return None

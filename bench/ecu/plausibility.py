@@ -137,6 +137,12 @@ class OwnMotion:
         self._blind = 0
         self._way = 0.0
 
+    def start_from(self, x: float, y: float, yaw: float, speed: float) -> None:
+        """Know where the vehicle is in the first cycle, before any sensor has told (m, m, rad, m/s)."""
+        back = CYCLE_S * speed
+        self._pose = self._reckoned = (x - back * math.cos(yaw), y - back * math.sin(yaw), yaw)
+        self._velocity = (speed, 0.0, 0.0)
+
     def update(
         self,
         position: Signals | None,
@@ -144,8 +150,20 @@ class OwnMotion:
         motion: Signals | None,
         front: Signals | None,
         rear: Signals | None,
+        cycles: int = 1,
     ) -> OwnState | None:
-        """Take in one cycle's sensor frames, None for each that is missing; the own motion in that cycle."""
+        """Take in one cycle's sensor frames, None for each that is missing; the own motion in that cycle.
+
+        Args:
+            position: `VehiclePosition`.
+            attitude: `VehicleAttitude`.
+            motion: `VehicleMotion`.
+            front: `WheelSpeedsFront`.
+            rear: `WheelSpeedsRear`.
+            cycles: since the last call: more than one where this ECU was not there for some.
+        """
+        if cycles != 1:
+            self._measured_position = self._measured_yaw = None
         frames = (position, attitude, motion, front, rear)
         ranges = (
             possible(self._limits["VehiclePosition"], position, _POSITION),
@@ -155,8 +173,8 @@ class OwnMotion:
         position, attitude, motion = (frame if fine else None for frame, fine in zip(frames[:3], ranges, strict=True))
         v_x, v_y, gamma = self._velocities(position, attitude, motion, front, rear)
         seen = motion is not None or (front is not None and rear is not None)
-        self._blind = 0 if seen else self._blind + 1
-        self._reckon(v_x, v_y, gamma, position, attitude)
+        self._blind = 0 if seen else self._blind + cycles
+        self._reckon((v_x, v_y, gamma), position, attitude, cycles * CYCLE_S)
         self._velocity = (v_x, v_y, gamma)
         self._measured_position = None if position is None else (position["X"], position["Y"])
         self._measured_yaw = None if attitude is None else attitude["Yaw"]
@@ -255,21 +273,31 @@ class OwnMotion:
         rolling = [v for name, v in speeds.items() if self._trust[name].note(agrees=abs(v - middle) <= WHEEL_MPS)]
         return _median(rolling) if rolling else middle
 
-    def _reckon(self, v_x: float, v_y: float, gamma: float, position: Signals | None, attitude: Signals | None) -> None:
+    def _reckon(
+        self,
+        velocity: tuple[float, float, float],
+        position: Signals | None,
+        attitude: Signals | None,
+        elapsed_s: float,
+    ) -> None:
         """Go on with dead reckoning, and compare the measured pose with it."""
         if self._pose is None:
             if position is not None and attitude is not None:
                 self._pose = (position["X"], position["Y"], attitude["Yaw"])
                 self._reckoned = self._pose
             return
+        v_x, v_y, gamma = velocity
         x, y, yaw = self._reckoned
-        yaw_now = yaw + CYCLE_S * 0.5 * (self._velocity[2] + gamma)
+        yaw_now = yaw + elapsed_s * 0.5 * (self._velocity[2] + gamma)
         middle = 0.5 * (yaw + yaw_now)
         along, across = 0.5 * (self._velocity[0] + v_x), 0.5 * (self._velocity[1] + v_y)
-        x += CYCLE_S * (along * math.cos(middle) - across * math.sin(middle))
-        y += CYCLE_S * (along * math.sin(middle) + across * math.cos(middle))
-        self._way += CYCLE_S * abs(along)
-        yaw_seen = None if attitude is None else yaw_now + math.remainder(attitude["Yaw"] - yaw_now, 2.0 * math.pi)
+        x += elapsed_s * (along * math.cos(middle) - across * math.sin(middle))
+        y += elapsed_s * (along * math.sin(middle) + across * math.cos(middle))
+        self._way += elapsed_s * abs(along)
+        yaw_seen = None
+        if attitude is not None:
+            turns = round((yaw_now - attitude["Yaw"]) / (2.0 * math.pi))
+            yaw_seen = attitude["Yaw"] + 2.0 * math.pi * turns
         if yaw_seen is not None and self._yaw_rate_is_wrong(yaw_now, yaw_seen, v_y):
             self._trust["YawRate"].note(agrees=False)
             yaw_now = yaw_seen

@@ -82,6 +82,8 @@ class TrackerEcu:
         self.inputs: tuple[Topic, ...] = tuple(self._topics.values())
         self._limits = limits_of("vehicle.dbc", "Reference")
         self._own = OwnMotion(self._parameters)
+        self._grid = scenario.vehicles[vehicle - 1]
+        self._last_cycle: int | None = None
         self._now: Reference | None = None
         self._reference_age = 0
         self._commanded: NDArray[np.float64] | None = None
@@ -99,10 +101,12 @@ class TrackerEcu:
         tracker.step(np.array([20.0, 0.0, 0.0]), (20.0, 0.0), (20.1, 0.01))
 
     def step(
-        self, _cycle: int, _time_s: float, inputs: Mapping[Topic, Signals | None], health: Health
+        self, cycle: int, _time_s: float, inputs: Mapping[Topic, Signals | None], health: Health
     ) -> list[Outgoing]:
         """Track this cycle's reference."""
         begin = perf_counter()
+        if cycle == 0:
+            self._own.start_from(self._grid.x_m, self._grid.y_m, self._grid.yaw_rad, self._grid.speed_mps)
         frames = {message: inputs[topic] for message, topic in self._topics.items()}
         own = self._own.update(
             frames["VehiclePosition"],
@@ -110,7 +114,9 @@ class TrackerEcu:
             frames["VehicleMotion"],
             frames["WheelSpeedsFront"],
             frames["WheelSpeedsRear"],
+            1 if self._last_cycle is None else cycle - self._last_cycle,
         )
+        self._last_cycle = cycle
         cause = max(self._own.cause, self._watch_steering(frames["ActuatorStatus"]))
         then, reference_cause = self._next_reference(frames["Reference"], own)
         slowing = own is not None and (reference_cause is Cause.REFERENCE_LOST or self._steering_stuck)
@@ -148,7 +154,7 @@ class TrackerEcu:
         self._reference_age += 1
         if self._reference_age >= REFERENCE_CYCLES:
             return self._now or (None if own is None else (own.v_x, own.yaw_rate)), Cause.REFERENCE_LOST
-        return self._now, Cause.NONE if self._now is None else Cause.REFERENCE_MISSING
+        return self._now, Cause.REFERENCE_MISSING
 
     def _slower(self, own: OwnState) -> Reference:
         """The next reference on the way to a crawl in the lane."""

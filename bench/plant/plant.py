@@ -26,8 +26,8 @@ MOST_HELD_CYCLES = 255
 """What the DBC's HeldCycles can carry."""
 
 COLLECT_S = 0.008
-"""In real time, when the plant looks for the commands of a cycle, after its BenchSync: late enough that most are there, and
-early enough for a step before the next BenchSync."""
+"""In real time, when the plant looks for the commands of a cycle, after its BenchSync: late enough that most are there,
+and early enough for a step before the next BenchSync."""
 
 RECEPTION = {
     "SteeringReception": STEERING,

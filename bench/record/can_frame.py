@@ -1,6 +1,7 @@
-"""The log's raw CAN frame, `platoon.CanFrame`: host receive time, identifier, data.
+"""The log's raw CAN frame, `platoon.CanFrame`: host receive time, identifier, time on the wire, data.
 
-The simulated time of a frame is the log_time of its message. Data comes last, so that all before it has a fixed place.
+The simulated time of a frame's cycle is the log_time of its message. Data comes last, so that all before it has a fixed
+place.
 """
 
 from __future__ import annotations
@@ -15,20 +16,38 @@ from bench.record.layout import Field, Layout, file_descriptor_set, tag
 
 NAME = "platoon.CanFrame"
 MAX_DATA = 8
-_HEAD = Layout([Field("receive_time", "fixed64", "ns", "host clock"), Field("id", "fixed32", "", "identifier")])
-_DATA_TAG = tag(3, 2)
+LONGEST_RESPONSE_NS = 0xFFFF_FFFF
+
+_RECEIVED = (Field("receive_time", "fixed64", "ns", "host clock"), Field("id", "fixed32", "", "identifier"))
+_HEAD = Layout(
+    [
+        *_RECEIVED,
+        Field("wire_time", "fixed64", "ns", "simulated time of the end of the frame on the wire; 0: it is on none"),
+        Field("response_time", "fixed32", "ns", "from its wait for the bus on to wire_time; 0xFFFFFFFF: that or more"),
+    ]
+)
+_DATA_NUMBER = len(_HEAD.fields) + 1
+_DATA_TAG = tag(_DATA_NUMBER, 2)
 # The length of the data stands before the data, as a varint of one byte.
 DATA_AT = _HEAD.dtype.itemsize + len(_DATA_TAG) + 1
+# What logs had before they had times on the wire.
+_OLD_HEAD, _OLD_DATA_TAG = Layout(_RECEIVED), tag(3, 2)
 
 
 class Frame(NamedTuple):
-    """One recorded frame; times in ns, `time_ns` simulated, `receive_ns` of the host."""
+    """One recorded frame; times in ns.
+
+    `time_ns` is the simulated time of its cycle, `receive_ns` the host's when it was received, `wire_ns` the simulated
+    time of its end on the wire (0 where it was on none), `response_ns` that since it waited for the bus.
+    """
 
     time_ns: int
     bus: str
     can_id: int
     data: bytes
     receive_ns: int
+    wire_ns: int = 0
+    response_ns: int = 0
 
 
 def _schema() -> bytes:
@@ -36,7 +55,9 @@ def _schema() -> bytes:
         file_descriptor_set(NAME, _HEAD, "One frame as it was on the bus.")
     )
     kind = descriptor_pb2.FieldDescriptorProto
-    files.file[0].message_type[0].field.add(name="data", number=3, label=kind.LABEL_OPTIONAL, type=kind.TYPE_BYTES)
+    files.file[0].message_type[0].field.add(
+        name="data", number=_DATA_NUMBER, label=kind.LABEL_OPTIONAL, type=kind.TYPE_BYTES
+    )
     return files.SerializeToString()
 
 
@@ -49,8 +70,17 @@ def template(length: int) -> bytes:
 
 
 def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDArray[Any]) -> None:
-    """Write frames (n,) with columns receive, can_id, length and data into templates that start at `at` (n,)."""
-    for name, values in (("receive_time", frames["receive"].astype("<u8")), ("id", frames["can_id"].astype("<u4"))):
+    """Write frames (n,) into templates that start at `at` (n,).
+
+    The frames have columns receive, can_id, wire, response, length and data.
+    """
+    columns = (
+        ("receive_time", frames["receive"].astype("<u8")),
+        ("id", frames["can_id"].astype("<u4")),
+        ("wire_time", frames["wire"].astype("<u8")),
+        ("response_time", np.minimum(frames["response"], LONGEST_RESPONSE_NS).astype("<u4")),
+    )
+    for name, values in columns:
         width = values.dtype.itemsize
         out[at[:, None] + (_HEAD.offset(name) + np.arange(width))] = values.view(np.uint8).reshape(-1, width)
     inside = np.arange(MAX_DATA) < frames["length"][:, None]
@@ -60,19 +90,35 @@ def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDAr
 def read(
     data: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], length: npt.NDArray[np.uint64], table: npt.NDArray[Any]
 ) -> bool:
-    """Read encoded frames of `length` (n,) bytes at `at` (n,) into columns receive, can_id, length and data of `table`.
+    """Read encoded frames of `length` (n,) bytes at `at` (n,) into columns of `table`, those that `fill` takes.
+
+    Frames of an older log have no times on the wire; those columns are left as they are.
 
     Returns:
-        Whether all of them were in the form that `fill` writes.
+        Whether all of them were in the form that `fill` writes, or did.
     """
-    size = length.astype(np.int64) - DATA_AT
+    return _read(data, at, length, table, _HEAD, _DATA_TAG) or _read(data, at, length, table, _OLD_HEAD, _OLD_DATA_TAG)
+
+
+def _read(
+    data: npt.NDArray[np.uint8],
+    at: npt.NDArray[np.int64],
+    length: npt.NDArray[np.uint64],
+    table: npt.NDArray[Any],
+    head: Layout,
+    data_tag: bytes,
+) -> bool:
+    data_at = head.dtype.itemsize + len(data_tag) + 1
+    size = length.astype(np.int64) - data_at
     if (size < 0).any() or (size > MAX_DATA).any():
         return False
-    heads = data[at[:, None] + np.arange(DATA_AT)]
-    view = _HEAD.view(heads[:, : _HEAD.dtype.itemsize])
-    if view is None or (heads[:, -2] != _DATA_TAG[0]).any() or (heads[:, -1] != size).any():
+    heads = data[at[:, None] + np.arange(data_at)]
+    view = head.view(heads[:, : head.dtype.itemsize])
+    if view is None or (heads[:, -2] != data_tag[0]).any() or (heads[:, -1] != size).any():
         return False
     table["receive"], table["can_id"], table["length"] = view["receive_time"].astype(np.int64), view["id"], size
+    if head is _HEAD:
+        table["wire"], table["response"] = view["wire_time"].astype(np.int64), view["response_time"]
     inside = np.arange(MAX_DATA) < size[:, None]
-    table["data"][inside] = data[(at[:, None] + (DATA_AT + np.arange(MAX_DATA)))[inside]]
+    table["data"][inside] = data[(at[:, None] + (data_at + np.arange(MAX_DATA)))[inside]]
     return True

@@ -33,9 +33,17 @@ CACHED_BYTES = 64 * 1024 * 1024
 """Unpacked chunks kept in memory at most; a run of 10 s is about 15 MB."""
 
 FRAME_TABLE = np.dtype(
-    [("time", "<i8"), ("receive", "<i8"), ("can_id", "<u4"), ("length", "u1"), ("data", "u1", (can_frame.MAX_DATA,))]
+    [
+        ("time", "<i8"),
+        ("receive", "<i8"),
+        ("wire", "<i8"),
+        ("response", "<i8"),
+        ("can_id", "<u4"),
+        ("length", "u1"),
+        ("data", "u1", (can_frame.MAX_DATA,)),
+    ]
 )
-"""One frame of `Run.frame_table`: times in ns, data padded with zeros."""
+"""One frame of `Run.frame_table`: times in ns as in `can_frame.Frame`, data padded with zeros."""
 
 
 class Columns(dict[str, npt.NDArray[Any]]):
@@ -245,7 +253,15 @@ class Run:
             for index in np.argsort(np.concatenate(places)).tolist():
                 row = table[index]
                 data = row["data"].tobytes()[: int(row["length"])]
-                yield Frame(int(row["time"]), names[index], int(row["can_id"]), data, int(row["receive"]))
+                yield Frame(
+                    time_ns=int(row["time"]),
+                    bus=names[index],
+                    can_id=int(row["can_id"]),
+                    data=data,
+                    receive_ns=int(row["receive"]),
+                    wire_ns=int(row["wire"]),
+                    response_ns=int(row["response"]),
+                )
 
     def _frames_of_chunk(self, number: int, channel: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
         data, messages = self._chunk(number)

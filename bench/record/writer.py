@@ -1,7 +1,8 @@
 """The recorder: everything of a run into one MCAP file, cheaply enough to sit in the conductor's process.
 
 Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy, when a chunk is
-full or half a second old. A killed run loses at most that.
+full or half a second old. A killed run loses at most that. With a `BusTimeline`, frames get their times on the wire
+then, and stand in the log in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
 `/plan/veh<i>`, `/events`. log_time and publish_time are simulated time in ns; the host's receive time is in the frame.
@@ -27,6 +28,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bench.bus.codec import Codec
+from bench.bus.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.record import can_frame, foxglove
 from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile
@@ -37,10 +39,8 @@ CHUNK_BYTES = 64 * 1024
 FLUSH_S = 0.5
 PLAN_MESSAGE = "PlannerTarget"
 
-_PENDING = np.dtype(
-    [("bus", "<u2"), ("length", "u1"), ("can_id", "<u4"), ("time", "<i8"), ("receive", "<i8"), ("data", "u1", (8,))]
-)
-_pack_pending = struct.Struct("<HBIqq8s").pack
+# A `FRAME` that has not been on the wire yet.
+_pack_pending = struct.Struct("<HBIqq8s16x").pack
 # What a frame comes to in a chunk, raw and decoded, on average; it only sets how soon a chunk is taken for full.
 _BYTES_A_FRAME = 150
 
@@ -75,6 +75,7 @@ class RunWriter:
         metadata: Mapping[str, str],
         attachments: Mapping[str, bytes],
         truth_units: Mapping[str, str] | None = None,
+        timeline: BusTimeline | None = None,
     ) -> None:
         """Create the file and write what is known before the run.
 
@@ -86,6 +87,7 @@ class RunWriter:
             metadata: what describes the run: versions, seed, host, clock ...
             attachments: file name -> content; lanes for the scene are taken from `scenario.toml`.
             truth_units: unit of each truth value, where there is one.
+            timeline: made for the same codecs; None leaves frames without times on the wire, in the order they come in.
 
         Raises:
             RunFailed: the file cannot be made.
@@ -98,6 +100,7 @@ class RunWriter:
         except OSError as error:
             raise RunFailed(f"cannot write the log {path}: {error.strerror or error}") from error
         self._vehicles = vehicles
+        self._timeline = timeline
         self._closed = False
         self._file = self._guard(lambda: McapFile(self._stream, "platoon"))
         self._guard(lambda: self._write_head(metadata, attachments))
@@ -107,6 +110,7 @@ class RunWriter:
         self._pending_truth: list[tuple[int, int, bytes]] = []
         self._pending_other: list[tuple[int, int, bytes]] = []
         self._pending_bytes = 0
+        self._newest = -1
         self._poses: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
         self._sequence = np.zeros(self._channels + 1, np.int64)
         self._flushed_at = time.monotonic()
@@ -140,8 +144,8 @@ class RunWriter:
         """
         if len(data) > can_frame.MAX_DATA:
             raise ValueError(f"frame 0x{can_id:03X} on {bus}: {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
+        self._make_room(time_ns, _BYTES_A_FRAME)
         self._pending += _pack_pending(self._bus_numbers[bus], len(data), can_id, time_ns, receive_ns, data)
-        self._noted(_BYTES_A_FRAME)
 
     def truth(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
         """Record a truth row: the values of `truth_names`, in that order.
@@ -153,9 +157,9 @@ class RunWriter:
         if len(values) != self._truth_count:
             raise ValueError(f"truth row of {len(values)} values, not {self._truth_count}")
         row = struct.pack(f"<{self._truth_count}d", *values)
+        self._make_room(time_ns, len(self._truth_layout.template) + MESSAGE.itemsize)
         self._pending_truth.append((vehicle, time_ns, row))
         self._note_pose(vehicle, time_ns, values)
-        self._noted(len(self._truth_layout.template) + MESSAGE.itemsize)
 
     def event(self, time_ns: int, level: str, source: str, text: str) -> None:
         """Record an event; `level` is debug, info, warning, error or fatal.
@@ -171,8 +175,8 @@ class RunWriter:
     def flush(self) -> None:
         """Write all that is noted as one chunk, through to the operating system.
 
-        Called by the writer itself whenever a chunk is full or `FLUSH_S` old and something is recorded; call it also
-        while waiting for a frame that does not come.
+        Called by the writer itself whenever a chunk is full or `FLUSH_S` old and something of a later cycle comes; call
+        it also while waiting for a frame that does not come, between two cycles.
 
         Raises:
             RunFailed: the file cannot be written.
@@ -180,12 +184,17 @@ class RunWriter:
         self._flushed_at = time.monotonic()
         if not self._pending_bytes:
             return
-        chunk = self._encode()
+        self._write_chunk(self._on_the_wire())
+
+    def _write_chunk(self, frames: npt.NDArray[Any]) -> None:
+        # Where the bus was busy, all that has come may be on the wire in the next cycle only.
+        chunk = self._encode(frames) if len(frames) or self._pending_truth or self._pending_other else None
         self._pending.clear()
         self._pending_truth.clear()
         self._pending_other.clear()
         self._pending_bytes = 0
-        self._guard(lambda: self._file.add_chunk(*chunk))
+        if chunk is not None:
+            self._guard(lambda: self._file.add_chunk(*chunk))
 
     def close(self, result: Mapping[str, str]) -> None:
         """Write what is pending, the result as metadata `result`, the summary, and close the file.
@@ -197,6 +206,9 @@ class RunWriter:
             return
         try:
             self.flush()
+            rest = self._on_the_wire(last=True)
+            if len(rest):
+                self._write_chunk(rest)
             self._guard(lambda: self._file.add_metadata("result", result))
             self._guard(self._file.finish)
         finally:
@@ -268,14 +280,22 @@ class RunWriter:
     def _foxglove_channel(self, topic: str, message: Any) -> int:
         return self._file.add_channel(topic, self._file.add_schema(*foxglove.schema(message)), {})
 
-    def _noted(self, size: int) -> None:
+    def _make_room(self, time_ns: int, size: int) -> None:
+        """Write what there is, if that is due, before something is noted. A cycle's frames stay together."""
+        if time_ns > self._newest:
+            self._newest = time_ns
+            if self._pending_bytes >= CHUNK_BYTES or time.monotonic() - self._flushed_at >= FLUSH_S:
+                self.flush()
         self._pending_bytes += size
-        if self._pending_bytes >= CHUNK_BYTES or time.monotonic() - self._flushed_at >= FLUSH_S:
-            self.flush()
 
     def _other(self, channel: int, time_ns: int, payload: bytes) -> None:
+        self._make_room(time_ns, len(payload) + MESSAGE.itemsize)
         self._pending_other.append((channel, time_ns, payload))
-        self._noted(len(payload) + MESSAGE.itemsize)
+
+    def _on_the_wire(self, *, last: bool = False) -> npt.NDArray[Any]:
+        """Return the pending frames that can be written, with their times on the wire."""
+        frames = np.frombuffer(self._pending.copy(), FRAME)
+        return frames if self._timeline is None else self._timeline.send(frames, last=last)
 
     def _note_pose(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
         """Write the transforms once every vehicle's pose of this time is known."""
@@ -302,13 +322,12 @@ class RunWriter:
             raise RunFailed(f"cannot write the log {self._path}: {error.strerror or error}") from error
 
     def _encode(
-        self,
+        self, frames: npt.NDArray[Any]
     ) -> tuple[memoryview, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return all pending messages as records in the order of time, and channel, time and offset of each.
+        """Return all that is pending as records in the order of time, and channel, time and offset of each.
 
-        Among messages of one time: frames as they came, each raw and then decoded, then truth, then the rest.
+        Among messages of one time: the frames in their order, each raw and then decoded, then truth, then the rest.
         """
-        frames = np.frombuffer(bytes(self._pending), _PENDING)
         which = self._decoded.find(frames)
         known = np.flatnonzero(which >= 0)
         which = which[known]

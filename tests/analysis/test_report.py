@@ -31,7 +31,15 @@ PAPER = {
 MORE = {
     *("distances", "lateral", "margin", "steering", "torque1", "torque2", "torque3"),
     *("disturbancex", "disturbancey", "disturbanceyaw", "flockGa", "flockP11", "flockP21"),
-    *("trackertimingsolvetime", "trackertimingsteptime", "plannertimingsteptime", "histogram", "iterations", "tau"),
+    *(
+        "trackertimingsolvetime",
+        "trackertimingsteptime",
+        "plannertimingsteptime",
+        "histogram",
+        "iterations",
+        "tau",
+        "busload",
+    ),
 }
 
 

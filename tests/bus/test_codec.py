@@ -120,6 +120,7 @@ def test_start_values_are_those_of_the_dbc():
         "SolverStatus": 6,
         "GainSource": 3,
         "Iterations": 0,
+        "Cause": 0,
         "Tau": 0,
     }
 
@@ -137,7 +138,7 @@ def test_values_of_other_names_are_left_aside():
 
 @pytest.mark.parametrize("method", ["message", "can_id", "data_id", "start_values"])
 def test_an_unknown_message_is_named_with_those_there_are(method):
-    with pytest.raises(EncodeError, match=r"'Speed' is not in the DBC; it has BenchSync, VehiclePosition"):
+    with pytest.raises(EncodeError, match=r"'Speed' is not in the DBC; it has BenchSync, BenchAbsent, VehiclePosition"):
         getattr(CODECS["veh1"], method)("Speed")
 
 

@@ -9,6 +9,8 @@ import pytest
 
 from bench.bus import e2e
 from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
+from bench.bus.reception import ReceptionState
+from bench.bus.states import Cause, EcuState, Manoeuvre
 
 FILES = ("vehicle.dbc", "v2v.dbc")
 CODECS = {file: Codec(DBC_DIR / file) for file in FILES}
@@ -27,11 +29,27 @@ STATES = {
     "Limit",
     "SolverStatus",
     "GainSource",
+    "Cause",
+    "Manoeuvre",
 }
+
+SLOWER = {"PlantBusHealth", "PlannerPotential", "PlannerGains", "PlannerBusHealth", "TrackerBusHealth"}
+"""Diagnostics that change slowly or are only counts: every 100 ms."""
+
+BENCH_ONLY = "BenchAbsent"
+"""Announces frames that will not come in virtual time: not cyclic, and no load of any bus."""
+
+
+BIT_RATES = {"vehicle.dbc": 500_000, "v2v.dbc": 1_000_000}
 
 
 def name_of(value):
     return getattr(value, "name", value)
+
+
+def attribute(described, name):
+    found = described.dbc.attributes.get(name)
+    return 0 if found is None else found.value
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -42,7 +60,7 @@ def test_cantools_loads_it_strictly_without_a_warning(file, caplog):
     assert not caplog.records
     assert database.buses[0].comment
     assert database.dbc.attributes["BusType"].value == "CAN"
-    assert database.dbc.attributes["Baudrate"].value == 500_000
+    assert database.dbc.attributes["Baudrate"].value == BIT_RATES[file]
     assert all(node.comment for node in database.nodes)
 
 
@@ -55,8 +73,11 @@ def test_message_is_complete(file, message):
     assert message.length == 8
     assert len(message.senders) == 1
     assert set(message.senders) <= nodes
-    assert message.cycle_time == 10
-    assert message.send_type == "Cyclic"
+    if message.name == BENCH_ONLY:
+        assert (message.cycle_time, message.send_type) == (None, "Spontaneous")
+    else:
+        assert message.cycle_time == (100 if message.name in SLOWER else 10)
+        assert message.send_type == "Cyclic"
     receivers = set().union(*(signal.receivers for signal in message.signals))
     assert receivers
     assert receivers <= nodes - set(message.senders)
@@ -77,7 +98,7 @@ def test_signal_is_complete(file, message, signal):  # noqa: ARG001
     assert signal.minimum <= signal.raw_initial * signal.scale <= signal.maximum
     if signal.scale != 1 and signal.name != "BoundaryMargin":
         assert signal.unit
-    assert bool(signal.choices) == (signal.name in STATES)
+    assert bool(signal.choices) == (signal.name in STATES or signal.name.endswith("Reception"))
     if signal.choices:
         assert sorted(signal.choices) == list(range(int(signal.maximum) + 1))
 
@@ -108,6 +129,41 @@ def test_what_drives_something_is_protected_and_fine_enough(file, message):
             assert signal.scale < FINEST_NEEDED[signal.unit]
 
 
+@pytest.mark.parametrize(("file", "message"), MESSAGES, ids=name_of)
+def test_every_protected_message_but_the_bench_protocol_has_a_timeout(file, message):
+    timeout = attribute(message, "GenMsgTimeoutTime")
+    if message.senders == ["Conductor"] or not CODECS[file].is_protected(message.frame_id):
+        assert timeout == 0
+    else:
+        assert timeout in (50, 100)
+        assert CODECS[file].timeout_cycles(message.name) == timeout // 10
+
+
+@pytest.mark.parametrize(("file", "message", "signal"), SIGNALS, ids=name_of)
+def test_what_has_inertia_has_a_greatest_rate(file, message, signal):  # noqa: ARG001
+    kinds = ("VehiclePosition", "VehicleAttitude", "VehicleMotion", "V2VPosition", "V2VMotion")
+    moving = message.name.startswith(kinds) and signal.unit in {"m", "rad", "m/s", "rad/s"}
+    rate = attribute(signal, "GenSigRateMax")
+    # A course jumps where the vehicle all but stands.
+    assert (rate > 0) == (moving and signal.name != "Course")
+
+
+def test_reception_states_are_those_of_the_receivers():
+    names = {state.value: state.name.replace("_", "").lower() for state in ReceptionState}
+    for _, message, signal in SIGNALS:
+        if signal.name.endswith("Reception"):
+            assert {int(value): str(text).lower() for value, text in signal.choices.items()} == names, message.name
+
+
+@pytest.mark.parametrize(("signal", "enumeration"), [("Cause", Cause), ("Manoeuvre", Manoeuvre), ("State", EcuState)])
+def test_value_tables_are_those_of_the_enumerations(signal, enumeration):
+    names = {member.value: member.name.replace("_", "").lower() for member in enumeration}
+    tables = [each.choices for _, _, each in SIGNALS if each.name == signal]
+    assert len(tables) > MAX_VEHICLES
+    for table in tables:
+        assert {int(value): str(text).lower() for value, text in table.items()} == names
+
+
 def test_data_ids_are_unique_and_no_crc_takes_one_for_another():
     """CRC-8 maps 65536 data ids onto 256 values; with equal ones a frame could pass for another message."""
     data_ids = {(m.name, m.frame_id): CODECS[f].data_id(m.name) for f, m in MESSAGES}
@@ -131,8 +187,8 @@ def test_every_vehicle_has_its_radio_messages():
     codec = CODECS["v2v.dbc"]
     assert not any(codec.is_wall_clock(codec.can_id(name)) for name in codec.names)
     for vehicle in range(1, MAX_VEHICLES + 1):
-        for kind, base in (("Position", 0x100), ("Motion", 0x200)):
+        for kind, base in (("Position", 0x100), ("Motion", 0x200), ("Status", 0x300)):
             message = codec.message(f"V2V{kind}_{vehicle}")
             assert message.frame_id == base + vehicle
             assert message.senders == [f"Vehicle{vehicle}"]
-    assert len(codec.names) == 1 + 2 * MAX_VEHICLES
+    assert len(codec.names) == 2 + 3 * MAX_VEHICLES

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 from bench.bus.base import EXTENDED
 from bench.bus.codec import load_codecs
 from bench.bus.interface import InterfaceLink
+from bench.bus.kernel_links import require_links
 from bench.bus.link import Address, LinkError, open_link, reserve_udp_ports, settle
-from bench.bus.socketcan import require_links
 from bench.errors import BadInput
 
 FRAMES = st.tuples(
@@ -212,7 +212,7 @@ class TestUdp(OnSockets):
     @pytest.fixture
     def bare(self, at):
         """A python-can bus as any python-can tool would open it."""
-        bus = UdpMulticastBus(UdpMulticastBus.DEFAULT_GROUP_IPv4, port=at.port_of("veh1"), hop_limit=0)
+        bus = UdpMulticastBus(UdpMulticastBus.DEFAULT_GROUP_IPv4, port=at.place_of("veh1").port, hop_limit=0)
         yield bus
         bus.shutdown()
 
@@ -254,7 +254,7 @@ class TestUdp(OnSockets):
     def test_nothing_that_comes_to_the_port_breaks_a_link(self, links, at, datagram):
         before = links[1].ignored
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-            stranger.sendto(datagram, (UdpMulticastBus.DEFAULT_GROUP_IPv4, at.port_of("veh1")))
+            stranger.sendto(datagram, (UdpMulticastBus.DEFAULT_GROUP_IPv4, at.place_of("veh1").port))
         links[0].send(5, b"good")
         assert receive(links[1], 1) == [(5, b"good")]
         assert links[1].ignored == before + 1
@@ -284,7 +284,7 @@ class TestUdp(OnSockets):
         }
         frame |= dict.fromkeys(("is_remote_frame", "is_error_frame", "is_fd"), False) | {field: value}
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-            stranger.sendto(msgpack.packb(frame), (UdpMulticastBus.DEFAULT_GROUP_IPv4, at.port_of("veh1")))
+            stranger.sendto(msgpack.packb(frame), (UdpMulticastBus.DEFAULT_GROUP_IPv4, at.place_of("veh1").port))
         links[0].send(5, b"good")
         assert receive(links[1], 1) == [(5, b"good")]
         assert links[1].ignored == 1
@@ -304,7 +304,7 @@ class TestUdp(OnSockets):
             other.bind(("", 0))
             port = other.getsockname()[1]
             with pytest.raises(BadInput, match=rf"v2v: UDP port {port} is used by another program"):
-                open_link("v2v", Address("udp_multicast", port=port))
+                open_link("v2v", Address.parse(f"udp:{port}"))
 
     def test_without_a_port_it_says_which_is_missing(self):
         with pytest.raises(BadInput, match="udp:PORT"):

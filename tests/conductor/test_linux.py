@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.conductor.linux import as_batch_work, enlarge_pipe, pin, real_time, set_real_time, wait_until
+from bench.conductor.linux import as_batch_work, enlarge_pipe, pin, real_time, set_real_time, stolen_s, wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux takes these requests")
 
@@ -79,6 +79,11 @@ def test_this_process_goes_first_for_the_time_of_the_context() -> None:
     with real_time(1):
         assert os.sched_getscheduler(0) == (os.SCHED_FIFO if granted else before)
     assert os.sched_getscheduler(0) == before
+
+
+def test_what_a_host_takes_only_grows() -> None:
+    before = stolen_s()
+    assert 0.0 <= before <= stolen_s()
 
 
 def test_a_pipe_is_made_larger() -> None:

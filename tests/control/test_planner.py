@@ -100,6 +100,68 @@ def test_at_the_same_place_the_lower_number_goes_first() -> None:
     assert slot_order([(0.0, 0.0), (0.0, 0.0)]) == [0, 1]
 
 
+def test_who_joins_a_platoon_under_way_has_its_slots() -> None:
+    each = planner(2, chosen=SMALL_SEARCH)
+    each.join(2, 500.0, 10.0)
+    own = straight_on(440.0, 7.0)
+    out = each.step(1000, 10.0, own, 20.0, {})
+    assert (out.slot, out.leader_x) == (2, 500.0)
+    # Its slot is 50 m ahead; it goes there as if it were 6 m, so that it does not come with too much speed.
+    np.testing.assert_allclose(out.target, [446.0, 7.0])
+    near = each.step(1001, 10.01, straight_on(489.0, 7.0), 20.0, {})
+    np.testing.assert_allclose(near.target, [490.2, 7.0])
+
+
+def test_falling_back_brakes_as_told_and_still_goes_to_the_lane() -> None:
+    each = planner(2, chosen=SMALL_SEARCH)
+    each.assign_slots(STARTS, 0.0)
+    own, v = STARTS[2], 22.0
+    for cycle in range(100):
+        out = each.step(cycle, cycle * T, own, v, {}, 4.0)
+        assert v - out.v_x == pytest.approx(4.0 * T)
+        own, v = Formation._follow(own, out), out.v_x
+    assert own.Y > 3.9
+
+
+def test_falling_back_is_harder_further_back_and_harder_than_slowing_down() -> None:
+    each = planner(1, count=3)
+    brakings = [each.fall_back_braking(slot) for slot in (1, 2, 3)]
+    assert brakings == [1.5, 2.0, 2.5]
+
+
+def test_making_way_moves_the_target_ahead() -> None:
+    each = planner(1, chosen=SMALL_SEARCH)
+    each.assign_slots(STARTS, 0.0)
+    assert each.step(1, 0.0, STARTS[1], 20.0, {}, None, 12.5).target[0] == 12.5
+    assert each.step(2, 0.0, STARTS[1], 20.0, {}, None, 9.0).target[0] == pytest.approx(10.0)
+
+
+def test_the_reference_does_not_run_away_from_a_vehicle_that_does_not_follow() -> None:
+    each = planner(1, chosen=SMALL_SEARCH)
+    each.assign_slots(STARTS, 0.0)
+    for cycle in range(300):
+        out = each.step(cycle, cycle * T, straight_on(8.0, 0.0, 12.0), 12.0, {})
+    assert out.v_x <= 13.0 + 3.0 * T + 1e-9
+
+
+def test_after_cycles_that_it_was_not_there_for_it_begins_with_the_own_motion() -> None:
+    each = planner(1, chosen=SMALL_SEARCH)
+    each.assign_slots(STARTS, 0.0)
+    each.step(0, 0.0, STARTS[1], 20.0, {})
+    own = Motion(100.0, 0.0, 14.0, 0.0, 0.1)
+    out = each.step(300, 3.0, own, 14.0, {})
+    assert out.v_x == pytest.approx(14.0, abs=3.0 * T + 1e-9)
+    assert out.yaw_rate == pytest.approx(0.1, abs=1.5 * T + 1e-9)
+
+
+def test_slowing_down_leaves_the_slot_and_keeps_it_in_mind() -> None:
+    each = planner(2, chosen=SMALL_SEARCH)
+    each.assign_slots(STARTS, 0.0)
+    out = each.slow_down(0, 0.0, STARTS[2], 22.0)
+    assert out.v_x == pytest.approx(22.0 - 1.5 * T)
+    assert (out.slot, out.neighbours) == (2, 0)
+
+
 coordinates = st.tuples(st.floats(-100, 100), st.floats(-10, 10))
 
 

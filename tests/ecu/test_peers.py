@@ -22,7 +22,7 @@ class Peer:
         self.state, self.manoeuvre = EcuState.RUN, Manoeuvre.PLATOON
         self.lost_for = 0
 
-    def step(self, *, silent: bool = False, **wrong: float) -> Cause:
+    def step(self, *, silent: bool = False, cycles: int = 1, **wrong: float) -> Cause:
         position = {"X": self.x, "Y": self.y}
         motion = {"Speed": self.speed, "Course": self.course, "YawRate": self.yaw_rate}
         status = {"State": self.state, "Slot": 2, "Cause": 0, "LeaderX": 60.0, "Manoeuvre": self.manoeuvre}
@@ -32,11 +32,14 @@ class Peer:
         state = ReceptionState.OK if not silent else ReceptionState.MISSING
         reception = Reception(ReceptionState.LOST if self.lost_for >= 10 else state, self.lost_for)
         inputs = dict(zip(self.watch.topics, [None] * 3 if silent else frames, strict=True))
-        self.watch.update(inputs, Health(inputs=dict.fromkeys(self.watch.topics, reception)))
+        self.watch.update(inputs, Health(inputs=dict.fromkeys(self.watch.topics, reception)), cycles)
+        self.drive()
+        return self.watch.cause
+
+    def drive(self) -> None:
         self.x += T * self.speed * math.cos(self.course)
         self.y += T * self.speed * math.sin(self.course)
         self.course += T * self.yaw_rate
-        return self.watch.cause
 
 
 def test_a_vehicle_that_is_heard_is_trusted_and_is_where_it_is_now() -> None:
@@ -96,3 +99,13 @@ def test_one_that_says_it_slows_down_is_kept_clear_of(state: EcuState, manoeuvre
     assert peer.step() is Cause.PEER_UNSAFE
     peer.state, peer.manoeuvre = EcuState.DEGRADED, Manoeuvre.PLATOON
     assert peer.step() is Cause.NONE
+
+
+def test_cycles_that_the_ecu_was_not_there_for_are_no_contradiction() -> None:
+    peer = Peer()
+    peer.step()
+    for _ in range(10):
+        peer.drive()
+        assert peer.step(cycles=2) is Cause.NONE
+        assert peer.watch.motion is not None
+        assert pytest.approx(peer.x, abs=1e-3) == peer.watch.motion.X

@@ -12,7 +12,8 @@ from bench.scenario import load
 from tests.ecu.drive import Drive
 
 SMALL = ["planner.genetic.population=4", "planner.genetic.generations=1", "planner.genetic.horizon_steps=5"]
-SCENARIO = load("formation", SMALL)
+GRID = [f"vehicles.{n}.{key}={value}" for n in range(3) for key, value in (("x_m", 10.0 - 10.0 * n), ("y_m", 7.0))]
+SCENARIO = load("formation", [*SMALL, *GRID, *(f"vehicles.{n}.speed_mps=20.0" for n in range(3))])
 Sent = dict[str, dict[str, float]]
 
 

@@ -169,3 +169,28 @@ def test_a_position_comes_back_after_a_long_absence() -> None:
     trial = Trial(lambda frames, c: drop("VehiclePosition")(frames, c) if c < 450 else None, cycles=500)
     assert trial.causes[449] is Cause.SENSOR_LOST
     assert set(trial.causes[451:]) == {Cause.NONE}
+
+
+def test_cycles_that_the_ecu_was_not_there_for_are_no_fault() -> None:
+    drive, own = Drive(), OwnMotion(VehicleParameters())
+    last = -1
+    for cycle in range(200):
+        frames = drive.frames()
+        if cycle % 7 in (3, 4) or 100 < cycle < 105:
+            continue
+        own.update(*(frames[name] for name in SENSORS), cycle - last)
+        last = cycle
+        assert own.cause is Cause.NONE, cycle
+
+
+def test_from_a_known_start_a_position_is_found_that_was_wrong_from_the_first_frame_on() -> None:
+    drive, own = Drive(yaw_rate=lambda _: 0.1), OwnMotion(VehicleParameters())
+    own.start_from(drive.x, drive.y, drive.yaw, 20.0)
+    for _ in range(300):
+        y = drive.y
+        frames = drive.frames()
+        put("VehiclePosition", "Y", lambda value, _: value + 2.0)(frames, 0)
+        state = own.update(*(frames[name] for name in SENSORS))
+        assert own.cause is Cause.SENSOR_IMPLAUSIBLE
+        assert state is not None
+        assert state.y == pytest.approx(y, abs=0.2)

@@ -22,7 +22,8 @@ class Bench:
         self.ecu = TrackerEcu(1, SCENARIO)
         self.cycle = 0
         self.speed, self.yaw_rate = 20.0, 0.0
-        self.drive = Drive(v_x=lambda _: self.speed, yaw_rate=lambda _: self.yaw_rate)
+        start = SCENARIO.vehicles[0]
+        self.drive = Drive(lambda _: self.speed, lambda _: self.yaw_rate, start.x_m, start.y_m)
         self.reference: dict[str, float] | None = {"VelocityX": 20.0, "YawRate": 0.0, "ReferenceState": 1}
         self.gone: set[str] = set()
         self.steering: float | None = None
@@ -68,7 +69,7 @@ def test_it_runs_from_the_first_reference_on() -> None:
     bench = Bench()
     bench.reference = None
     bench.step(5)
-    assert bench.state == (EcuState.INIT, Cause.NONE, CommandState.NONE)
+    assert bench.state == (EcuState.INIT, Cause.REFERENCE_MISSING, CommandState.NONE)
     bench.reference = {"VelocityX": 20.0, "YawRate": 0.0, "ReferenceState": 1}
     bench.step()
     assert bench.state == RUN
@@ -93,8 +94,10 @@ def test_a_missing_reference_is_held_then_the_vehicle_slows_down(bench: Bench, g
 
 def test_slowing_down_turns_the_course_along_the_road() -> None:
     bench = Bench()
-    bench.drive.yaw = 0.1
-    bench.step(5)
+    bench.step()
+    bench.yaw_rate = 0.2
+    bench.step(50)
+    bench.yaw_rate = 0.0
     bench.reference = None
     bench.step(60)
     assert bench.sent["TrackerReferenceState"]["YawRate"] < -0.05

@@ -44,7 +44,8 @@ class Watched:
             "set": [],
             "ecus": SIMPLE,
             "silence_s": GUARD_S,
-            "external": [],
+            "without": [],
+            "without_wait_s": GUARD_S,
             "file_limit": 0,
             "out": str(self.out),
         } | given

@@ -23,7 +23,9 @@ def main() -> int:
             command_line=sys.argv,
             on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
             ecus=given["ecus"],
-            external=given["external"],
+            without=given["without"],
+            without_wait_s=given["without_wait_s"],
+            on_waiting=lambda line: print(line, flush=True),  # noqa: T201 - the tests wait for it,
             silence_s=given["silence_s"],
         )
     except BenchError as error:

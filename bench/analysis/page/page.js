@@ -454,9 +454,64 @@
     for (const plot of plots) plot.draw();
   }
 
+  const percent = (share) => `${(100 * share).toFixed(1)} %`;
+  const milliseconds = (time) => (time === null ? "–" : time.toFixed(time >= 99.95 ? 0 : 3));
+
+  function fillBuses() {
+    if (!data.buses.length) return;
+    const parent = document.getElementById("buses");
+    parent.hidden = false;
+    const row = (body, cells) => {
+      const made = element(body, "tr");
+      for (const [tag, kind, text] of cells) element(made, tag, kind ? { class: kind } : {}, text);
+    };
+    const table = (under, heads) => {
+      const made = element(under, "table");
+      row(element(made, "thead"), heads.map((text, index) => ["th", index ? "number" : "", text]));
+      return element(made, "tbody");
+    };
+    const all = table(parent, ["Bus", "Bit rate", "Mean load", "Busiest cycle", "at", "Worst case of the DBC"]);
+    for (const bus of data.buses) {
+      row(all, [
+        ["th", "", bus.bus],
+        ["td", "number", `${bus.bit_rate / 1000} kbit/s`],
+        ["td", "number", percent(bus.mean)],
+        ["td", bus.worst > 1 ? "number over" : "number", percent(bus.worst)],
+        ["td", "number", `${bus.worst_at.toFixed(2)} s`],
+        ["td", "number", percent(bus.most)],
+      ]);
+    }
+    for (const bus of data.buses) {
+      const made = element(parent, "details");
+      const late = bus.messages.filter((message) => !message[9]).length;
+      const beyond = bus.messages.filter((message) => !message[8]).length;
+      const notes = [late ? `${late} slower than their period` : "", beyond ? `${beyond} beyond their bound` : ""];
+      const note = notes.filter((text) => text).map((text) => `; ${text}`).join("");
+      element(made, "summary", {}, `Response times on ${bus.bus} (${bus.messages.length} messages${note})`);
+      const heads = ["Message", "Identifier", "Sender", "Frames", "Mean [ms]", "Worst [ms]", "Bound [ms]", "Period [ms]"];
+      const body = table(made, heads);
+      for (const [id, name, sender, count, mean, worst, bound, period, within, inTime] of bus.messages) {
+        row(body, [
+          ["th", "", name || "not in the DBC"],
+          ["td", "number", id],
+          ["td", "number", sender || "–"],
+          ["td", "number", String(count)],
+          ["td", "number", milliseconds(mean)],
+          ["td", within && inTime ? "number" : "number over", milliseconds(worst)],
+          ["td", "number", milliseconds(bound)],
+          ["td", "number", period === null ? "–" : String(period)],
+        ]);
+      }
+      const text = "From the wait for the bus to the end of the frame. The bound is that of Davis et al. (2007) for frames of "
+        + "the greatest length, with the release jitter of this run; only faults and frames from outside go beyond it.";
+      element(made, "p", { class: "caption" }, text);
+    }
+  }
+
   fillHeader();
   fillMetrics();
   fillFigures();
+  fillBuses();
   fillDetails();
   setTime(null);
   document.getElementById("reset").addEventListener("click", () => setRange(null));

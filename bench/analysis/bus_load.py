@@ -1,0 +1,213 @@
+"""How much of each bus a run used, and how long its messages took, next to what they may take in the worst case.
+
+A response time is from when a frame waits for its bus to its end on the wire (see `bench.bus.timing`). The bound beside
+it is that of `bench.bus.schedulability`, with each message's release jitter as the run had it: by how much its release
+varied within the cycle. In lockstep computing takes no time, so an ECU's release varies only with the frames it waits
+for; in real time its computing time and the scheduling are in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.bus.base import EXTENDED
+from bench.bus.codec import Codec
+from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
+from bench.bus.inbox import BENCH_SYNC
+from bench.bus.schedulability import Stream, load, response_times, streams
+from bench.bus.timing import CYCLE_NS, sender_of
+from bench.bus.topic import V2V
+from bench.record import Run
+
+_S = 1e9
+
+
+@dataclass(frozen=True)
+class MessageTimes:
+    """How one message fared on its bus.
+
+    Attributes:
+        name: as in the DBC; empty for an identifier that it does not have.
+        can_id: its identifier; one of 29 bits has the bit `EXTENDED` set.
+        sender: the process that sends it, empty where that is not known.
+        count: frames.
+        mean_s, worst_s: response times in s.
+        jitter_s: by how much its release varied within the cycle, s.
+        bound_s: what its response time is at most without faults, s; None where there is no bound.
+        period_s: its period, which is its deadline, s; None for a message that is not periodic.
+    """
+
+    name: str
+    can_id: int
+    sender: str
+    count: int
+    mean_s: float
+    worst_s: float
+    jitter_s: float
+    bound_s: float | None = None
+    period_s: float | None = None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether no frame took longer than the period."""
+        return self.period_s is None or self.worst_s <= self.period_s
+
+    @property
+    def in_bound(self) -> bool:
+        """Whether no frame took longer than the bound, which only faults and frames from outside can bring about."""
+        return self.bound_s is None or self.worst_s <= self.bound_s
+
+
+@dataclass(frozen=True)
+class SentFrame:
+    """A frame in its cycle: when it was released, began and ended, in s from the start of the cycle."""
+
+    name: str
+    can_id: int
+    sender: str
+    release_s: float
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class BusLoad:
+    """One bus in a run.
+
+    Attributes:
+        bus: its name.
+        bit_rate: in bit/s.
+        t: (n,) times of the cycles in s.
+        load: (n,) share of each cycle that its frames take, interframe spaces included.
+        most: that share for all periodic messages of the DBC at their longest, on average over their periods.
+        messages: in the order of priority.
+        busiest: the frames of the cycle with the highest load, in the order of the wire.
+    """
+
+    bus: str
+    bit_rate: int
+    t: npt.NDArray[np.float64]
+    load: npt.NDArray[np.float64]
+    most: float
+    messages: tuple[MessageTimes, ...]
+    busiest: tuple[SentFrame, ...]
+
+    @property
+    def mean(self) -> float:
+        """Mean load."""
+        return float(self.load.mean())
+
+    @property
+    def worst(self) -> float:
+        """Load of the busiest cycle."""
+        return float(self.load.max())
+
+    @property
+    def worst_at_s(self) -> float:
+        """Time of the busiest cycle, s."""
+        return float(self.t[self.load.argmax()])
+
+
+def bus_loads(run: Run) -> list[BusLoad]:
+    """Return what a run did to each of its buses; none for a log without times on the wire or without its DBC files.
+
+    Raises:
+        BadInput: a DBC file attached to the log cannot be read.
+    """
+    codecs: dict[str, Codec] = {}
+    found = []
+    for bus in run.buses:
+        dbc = "v2v.dbc" if bus == V2V else "vehicle.dbc"
+        if dbc not in run.attachments:
+            continue
+        if dbc not in codecs:
+            codecs[dbc] = Codec.from_text(run.attachments[dbc].decode("cp1252", errors="replace"))
+        frames = run.frame_table(bus)
+        frames = frames[frames["wire"] > 0]
+        cycles = frames["time"] // CYCLE_NS
+        # The BenchSync that ends the run opens a cycle in which nothing is sent.
+        working = cycles[frames["can_id"] != codecs[dbc].can_id(BENCH_SYNC)]
+        frames = frames[cycles <= working.max()] if len(working) else frames[:0]
+        if len(frames):
+            found.append(_bus_load(bus, codecs[dbc], run.vehicles, frames))
+    return found
+
+
+def _bus_load(bus: str, codec: Codec, vehicles: int, frames: npt.NDArray[Any]) -> BusLoad:
+    bits = frame_bits(frames["can_id"], frames["length"], frames["data"])
+    cycles = frames["time"] // CYCLE_NS
+    first = int(cycles.min())
+    used = np.bincount(cycles - first, bits + INTERFRAME_BITS)
+    share = used * _S / (codec.bit_rate * CYCLE_NS)
+    periodic = streams(bus, codec, vehicles)
+    busiest = np.flatnonzero(cycles == first + share.argmax())
+    names = _names(bus, codec)
+    return BusLoad(
+        bus=bus,
+        bit_rate=codec.bit_rate,
+        t=(first + np.arange(len(share))) * CYCLE_NS / _S,
+        load=share,
+        most=load(periodic, codec.bit_rate),
+        messages=tuple(_messages(frames, names, periodic, codec.bit_rate)),
+        busiest=tuple(_sent(frames[busiest], bits[busiest], names, codec.bit_rate)),
+    )
+
+
+def _messages(
+    frames: npt.NDArray[Any], names: Mapping[int, tuple[str, str]], periodic: list[Stream], bit_rate: int
+) -> Iterator[MessageTimes]:
+    offset = frames["wire"] - frames["response"] - frames["time"]
+    rows = {can_id: np.flatnonzero(frames["can_id"] == can_id) for can_id in np.unique(frames["can_id"]).tolist()}
+    jitter = {can_id: int(np.ptp(offset[found])) for can_id, found in rows.items()}
+    released = [replace(stream, jitter_ns=jitter.get(stream.can_id, 0)) for stream in periodic]
+    bounds = response_times(released, bit_rate)
+    periods = {stream.can_id: stream.period_ns for stream in periodic}
+    for can_id, found in rows.items():
+        response, bound = frames["response"][found], bounds.get(can_id)
+        name, sender = names.get(can_id, ("", ""))
+        yield MessageTimes(
+            name=name,
+            can_id=can_id,
+            sender=sender,
+            count=len(found),
+            mean_s=float(response.mean()) / _S,
+            worst_s=int(response.max()) / _S,
+            jitter_s=jitter[can_id] / _S,
+            bound_s=None if bound is None else bound.from_release_ns / _S,
+            period_s=periods[can_id] / _S if can_id in periods else None,
+        )
+
+
+def _sent(
+    frames: npt.NDArray[Any],
+    bits: npt.NDArray[np.int64],
+    names: Mapping[int, tuple[str, str]],
+    bit_rate: int,
+) -> Iterator[SentFrame]:
+    for row in np.argsort(frames["wire"], kind="stable").tolist():
+        frame = frames[row]
+        end = int(frame["wire"] - frame["time"]) / _S
+        name, sender = names.get(int(frame["can_id"]), ("", ""))
+        yield SentFrame(
+            name=name,
+            can_id=int(frame["can_id"]),
+            sender=sender,
+            release_s=end - int(frame["response"]) / _S,
+            start_s=end - int(bits[row]) / bit_rate,
+            end_s=end,
+        )
+
+
+def _names(bus: str, codec: Codec) -> dict[int, tuple[str, str]]:
+    """Name and sender of each message by identifier."""
+    names = {}
+    for name in codec.names:
+        message = codec.message(name)
+        sender = sender_of(bus, message.senders[0]) if message.senders else ""
+        names[message.frame_id | (EXTENDED if message.is_extended_frame else 0)] = name, sender
+    return names

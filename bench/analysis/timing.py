@@ -1,0 +1,206 @@
+"""How well a real-time run kept its times: response times, jitter, missed deadlines, and how late the clock itself was.
+
+A cycle begins on a bus when its BenchSync is received there. The response time of an ECU is from then to its last
+frame with an alive counter of that cycle, as the kernel received it; its deadline is the next BenchSync. So is the
+plant's, on each bus by itself. Jitter is the largest less the smallest response time.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.bus.codec import Codec
+from bench.bus.inbox import BENCH_SYNC
+from bench.bus.timing import sender_of
+from bench.bus.topic import CYCLE_MS, PLANT, vehicle_bus
+from bench.record.reader import Run
+
+BIN_MS = 0.25
+LONGEST_MS = 2.0 * CYCLE_MS
+"""The histograms go this far; their last bin holds all that is longer."""
+
+PERCENTILES = (1.0, 50.0, 99.0, 99.9)
+
+_CYCLE_NS = CYCLE_MS * 1_000_000
+
+
+@dataclass(frozen=True)
+class NodeTiming:
+    """The times that an ECU, or the plant on one bus, kept.
+
+    Attributes:
+        name: veh1.tracker; the plant is veh1.plant.
+        cycles: deadlines it had.
+        late: cycles in which it was late.
+        missing: cycles in which it sent nothing.
+        longest_miss: the most missed deadlines in a row.
+        response_ms: (n,) response time of each cycle in which it sent.
+    """
+
+    name: str
+    cycles: int
+    late: int
+    missing: int
+    longest_miss: int
+    response_ms: NDArray[np.float64]
+
+    @property
+    def misses(self) -> int:
+        """Missed deadlines."""
+        return self.late + self.missing
+
+    @property
+    def miss_rate(self) -> float:
+        """Missed deadlines as a share of all."""
+        return self.misses / self.cycles if self.cycles else 0.0
+
+    def response(self, percentile: float) -> float | None:
+        """Return a percentile of the response time in ms, None where there is none."""
+        return float(np.percentile(self.response_ms, percentile)) if self.response_ms.size else None
+
+    @property
+    def jitter_ms(self) -> float:
+        """The largest less the smallest response time."""
+        return float(np.ptp(self.response_ms)) if self.response_ms.size else 0.0
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The times of a run.
+
+    Attributes:
+        cycles: that the clock has begun.
+        clock_late_ms: (n,) how late BenchSync was in each cycle, against the grid through the earliest.
+        nodes: ECUs and plant, by vehicle.
+    """
+
+    cycles: int
+    clock_late_ms: NDArray[np.float64]
+    nodes: tuple[NodeTiming, ...]
+
+    @property
+    def miss_rate(self) -> float:
+        """Missed deadlines of the ECUs as a share of all they had."""
+        ecus = [node for node in self.nodes if not node.name.endswith(f".{PLANT}")]
+        deadlines = sum(node.cycles for node in ecus)
+        return sum(node.misses for node in ecus) / deadlines if deadlines else 0.0
+
+
+def timing(run: Run) -> Timing | None:
+    """Return the times that a real-time run kept; None for a run in lockstep, where the wall clock means nothing.
+
+    Raises:
+        BadInput: the log lacks what a run's log has.
+    """
+    if run.metadata.get("clock") != "realtime":
+        return None
+    codec = Codec.from_text(run.attachments["vehicle.dbc"].decode("cp1252"))
+    nodes: list[NodeTiming] = []
+    late = np.empty(0)
+    for bus in (vehicle_bus(number) for number in range(1, run.vehicles + 1)):
+        table = run.frame_table(bus)
+        begun = _first_receipts(table, codec.can_id(BENCH_SYNC))
+        # The last BenchSync only stops the run, some time after the end of the last cycle.
+        count = begun.size - 1
+        if count < 1:
+            continue
+        begun[count] = min(begun[count], begun[count - 1] + _CYCLE_NS)
+        if not late.size:
+            from_grid = begun[:count] - np.arange(count) * _CYCLE_NS
+            late = (from_grid - np.nanmin(from_grid)) / 1e6
+        for name, can_ids in _senders(codec, bus).items():
+            done = np.full(count, np.nan)
+            for can_id in can_ids:
+                done = np.fmax(done, _first_receipts(table, can_id, count))
+            nodes.append(_node(name, begun, done))
+    return Timing(late.size, late, tuple(nodes))
+
+
+def histograms(times: Timing) -> dict[str, Any]:
+    """Return all that a page needs to draw the times, as plain numbers.
+
+    `edges_ms`: (m + 1) edges of all histograms. `clock`: `counts` (m), `p99_ms`, `max_ms` of how late BenchSync was.
+    `nodes`: for each `name`, `cycles`, `late`, `missing`, `longest_miss`, `miss_rate`, `jitter_ms`, `response_ms` (by
+    percentile: `p1`, `p50`, `p99`, `p99.9`, `max`) and `counts` (m). `period_ms` is the cycle, `miss_rate` the share of
+    the ECUs' deadlines that were missed.
+    """
+    edges = np.arange(0.0, LONGEST_MS + BIN_MS, BIN_MS)
+    return {
+        "period_ms": CYCLE_MS,
+        "cycles": times.cycles,
+        "miss_rate": times.miss_rate,
+        "edges_ms": edges.tolist(),
+        "clock": {
+            "counts": _counts(times.clock_late_ms, edges),
+            **{f"{key}_ms": value for key, value in _percentiles(times.clock_late_ms).items() if key in ("p99", "max")},
+        },
+        "nodes": [
+            {
+                "name": node.name,
+                "cycles": node.cycles,
+                "late": node.late,
+                "missing": node.missing,
+                "longest_miss": node.longest_miss,
+                "miss_rate": node.miss_rate,
+                "jitter_ms": node.jitter_ms,
+                "response_ms": _percentiles(node.response_ms),
+                "counts": _counts(node.response_ms, edges),
+            }
+            for node in times.nodes
+        ],
+    }
+
+
+def _senders(codec: Codec, bus: str) -> Mapping[str, list[int]]:
+    """Identifiers of the frames with an alive counter that each node sends in every cycle on its vehicle's bus."""
+    senders: dict[str, list[int]] = {}
+    for name in codec.names:
+        message, can_id = codec.message(name), codec.can_id(name)
+        sender = sender_of(bus, message.senders[0])
+        if codec.is_protected(can_id) and message.cycle_time == CYCLE_MS and sender.partition(".")[0] in (bus, PLANT):
+            senders.setdefault(f"{bus}.{PLANT}" if sender == PLANT else sender, []).append(can_id)
+    return senders
+
+
+def _first_receipts(table: NDArray[Any], can_id: int, count: int | None = None) -> NDArray[np.float64]:
+    """When the first frame of this identifier came in each of `count` cycles (all, if None), ns; nan where none did."""
+    rows = table[table["can_id"] == can_id]
+    cycles = rows["time"] // _CYCLE_NS
+    count = int(cycles.max()) + 1 if count is None and rows.size else count or 0
+    receipts = np.full(count, np.inf)
+    inside = cycles < count
+    # From the first frame on: in float64 a time of today has steps of 256 ns.
+    times = (rows["receive"][inside] - table["receive"][0]).astype(np.float64)
+    np.minimum.at(receipts, cycles[inside], times)
+    return np.where(np.isinf(receipts), np.nan, receipts)
+
+
+def _node(name: str, begun: NDArray[np.float64], done: NDArray[np.float64]) -> NodeTiming:
+    missing = np.isnan(done)
+    late = done > begun[1:]
+    missed = np.concatenate([[0], (missing | late).astype(int), [0]])
+    starts, ends = np.flatnonzero(np.diff(missed) == 1), np.flatnonzero(np.diff(missed) == -1)
+    response = (done - begun[:-1]) / 1e6
+    return NodeTiming(
+        name,
+        cycles=done.size,
+        late=int(late.sum()),
+        missing=int(missing.sum()),
+        longest_miss=int((ends - starts).max(initial=0)),
+        response_ms=response[np.isfinite(response)],
+    )
+
+
+def _percentiles(values: NDArray[np.float64]) -> dict[str, float]:
+    if not values.size:
+        return {}
+    found = {f"p{p:g}": float(value) for p, value in zip(PERCENTILES, np.percentile(values, PERCENTILES), strict=True)}
+    return found | {"max": float(values.max())}
+
+
+def _counts(values: NDArray[np.float64], edges: NDArray[np.float64]) -> list[int]:
+    counts: list[int] = np.histogram(np.clip(values, edges[0], edges[-1]), edges)[0].tolist()
+    return counts

@@ -1,0 +1,205 @@
+"""Worst-case response times on CAN, and whether a bus can carry its messages at all.
+
+R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted,
+revisited and revised", Real-Time Systems 35 (2007). The analysis of 1994 looks at the first frame of a busy period
+only; a later one may wait longer, as the frame before it has kept higher priorities waiting that come first then.
+
+Symbols are the paper's: C longest transmission, T period, J release jitter, B blocking, w queuing delay, q the number
+of the frame in its busy period, R response time.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from bench.bus.base import EXTENDED
+from bench.bus.codec import Codec
+from bench.bus.frame_length import longest_bits, priority
+from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.timing import CYCLE_NS, sender_of
+from bench.bus.topic import V2V
+from bench.errors import BadInput
+
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A message as the analysis sees it.
+
+    Attributes:
+        name: as in the DBC.
+        can_id: its identifier; one of 29 bits has the bit `EXTENDED` set.
+        length: bytes of data.
+        period_ns: T, also its deadline.
+        jitter_ns: J, how much the release of its frames varies against an exact period.
+    """
+
+    name: str
+    can_id: int
+    length: int
+    period_ns: int
+    jitter_ns: int = 0
+
+    @property
+    def bits(self) -> int:
+        """The bits of its longest frame, interframe space included."""
+        return longest_bits(self.length, extended=bool(self.can_id & EXTENDED))
+
+
+@dataclass(frozen=True)
+class WorstCase:
+    """How long a frame takes at most, up to the end of the interframe space behind it.
+
+    Attributes:
+        response_ns: R, from its nominal release on: what is compared with a deadline.
+        from_release_ns: from its actual release on: what can be measured. R - J, unless a frame can be released while
+            the one before it still waits.
+    """
+
+    response_ns: int
+    from_release_ns: int
+
+
+def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
+    """Return the periodic messages of a bus with `vehicles` vehicles, the highest priority first.
+
+    BenchAbsent is left out: it is there for the clock of virtual time and is on no wire.
+    """
+    found = []
+    for name in codec.names:
+        message = codec.message(name)
+        sender = sender_of(bus, message.senders[0]) if message.senders else ""
+        absent = bus == V2V and sender.startswith("veh") and _number(sender) > vehicles
+        if message.cycle_time and name != BENCH_ABSENT and not absent:
+            can_id = codec.can_id(name) | (EXTENDED if message.is_extended_frame else 0)
+            found.append(Stream(name, can_id, message.length, codec.period(name) * CYCLE_NS))
+    return _by_priority(found)
+
+
+def load(messages: Sequence[Stream], bit_rate: int) -> float:
+    """Return the share of the bus that the messages need at most."""
+    return sum(message.bits * _NS / (message.period_ns * bit_rate) for message in messages)
+
+
+def response_times(messages: Sequence[Stream], bit_rate: int) -> dict[int, WorstCase | None]:
+    """Return each message's worst case by identifier.
+
+    None where there is no bound, as the message and those of higher priority load the bus to the full.
+
+    Args:
+        messages: all messages of a bus.
+        bit_rate: in bit/s.
+    """
+    ordered = _by_priority(messages)
+    return {message.can_id: _response(ordered, rank, bit_rate) for rank, message in enumerate(ordered)}
+
+
+def _response(ordered: Sequence[Stream], m: int, bit_rate: int) -> WorstCase | None:
+    own = ordered[m]
+    if load(ordered[: m + 1], bit_rate) >= 1.0:
+        return None
+    tau_bit = -(-_NS // bit_rate)
+    c_m = _transmission(own, bit_rate)
+    blocking = max((_transmission(lower, bit_rate) for lower in ordered[m + 1 :]), default=0)
+    higher = [(k.period_ns, k.jitter_ns, _transmission(k, bit_rate)) for k in ordered[:m]]
+
+    def queued(time: int) -> int:
+        """Longest transmission of what is released with higher priority within `time`."""
+        return sum(-(-(time + jitter) // period) * c for period, jitter, c in higher)
+
+    def frames_of_m(time: int) -> int:
+        return -(-(time + own.jitter_ns) // own.period_ns)
+
+    # The longest busy period at this priority, and the frames of m that fall into it.
+    busy = _fixed_point(c_m, lambda t: blocking + queued(t) + frames_of_m(t) * c_m)
+    response, from_release, w = 0, 0, 0
+    for q in range(frames_of_m(busy)):
+        # What is released up to the last bit time before m could start goes first.
+        w = _fixed_point(max(w, blocking + q * c_m), partial(_delay, blocking + q * c_m, queued, tau_bit))
+        # The busy period begins J after the nominal release of the first frame at most, and no frame in it was released
+        # before it began.
+        response = max(response, own.jitter_ns + w + c_m - q * own.period_ns)
+        from_release = max(from_release, w + c_m - max(0, q * own.period_ns - own.jitter_ns))
+    return WorstCase(response, from_release)
+
+
+def _delay(base: int, queued: Callable[[int], int], tau_bit: int, w: int) -> int:
+    return base + queued(w + tau_bit)
+
+
+def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[str]:
+    """Return what a person should know of the buses' worst case before a run: messages that may be late.
+
+    Args:
+        codecs: codec of every bus.
+        vehicles: how many there are.
+
+    Raises:
+        BadInput: a bus cannot carry its messages.
+    """
+    warnings = []
+    overloaded = {}
+    for bus, codec in codecs.items():
+        messages = streams(bus, codec, vehicles)
+        if load(messages, codec.bit_rate) > 1.0:
+            overloaded[bus] = messages
+            continue
+        worst = response_times(messages, codec.bit_rate)
+        for message in messages:
+            can_id, found = message.can_id, worst[message.can_id]
+            if found is None or found.response_ns > message.period_ns:
+                time = "without bound" if found is None else f"up to {found.response_ns / 1e6:.2f} ms"
+                warnings.append(
+                    f"bus {bus}: in the worst case {message.name} (0x{can_id & ~EXTENDED:03X}) takes {time} at "
+                    f"{codec.bit_rate / 1000:g} kbit/s, longer than its period of {message.period_ns / 1e6:g} ms"
+                )
+    if overloaded:
+        raise BadInput("\n".join(_overload(codecs, overloaded, vehicles)))
+    return warnings
+
+
+def _overload(codecs: Mapping[str, Codec], overloaded: Mapping[str, Sequence[Stream]], vehicles: int) -> list[str]:
+    """Say of each DBC whose bus is overloaded how much it is and what helps; all vehicles' buses have the same."""
+    lines = []
+    for dbc in ("v2v", "vehicle"):
+        buses = [bus for bus in overloaded if (bus == V2V) == (dbc == "v2v")]
+        if not buses:
+            continue
+        rate, need = codecs[buses[0]].bit_rate, load(overloaded[buses[0]], codecs[buses[0]].bit_rate)
+        name = buses[0] if len(buses) == 1 else f"{buses[0]} to {buses[-1]}"
+        fewer = f", or fewer than {vehicles} vehicles" if dbc == "v2v" and vehicles > 1 else ""
+        lines.append(
+            f"bus {name}: overloaded: its messages need up to {100 * need:.0f} % of {rate / 1000:g} kbit/s; allowed "
+            f"are 100 %. In dbc/{dbc}.dbc set Baudrate to {_enough(need * rate)} or GenMsgCycleTime to more ms{fewer}"
+        )
+    return lines
+
+
+def _enough(needed: float) -> str:
+    """The lowest usual bit rate that is enough."""
+    rates = [rate for rate in (125_000, 250_000, 500_000, 1_000_000) if rate >= needed]
+    return f"{rates[0]} bit/s" if rates else "more than 1000000 bit/s, which classical CAN does not have,"
+
+
+def _fixed_point(start: int, step: Callable[[int], int]) -> int:
+    """Return the first value from `start` on that `step`, which never falls, leaves as it is."""
+    value = start
+    while (following := step(value)) > value:
+        value = following
+    return value
+
+
+def _transmission(message: Stream, bit_rate: int) -> int:
+    return -(-message.bits * _NS // bit_rate)
+
+
+def _by_priority(messages: Sequence[Stream]) -> list[Stream]:
+    ranks = priority(np.array([message.can_id for message in messages], np.uint32)).tolist()
+    return [messages[index] for index in np.argsort(ranks, kind="stable").tolist()]
+
+
+def _number(process: str) -> int:
+    return int(process.partition(".")[0].removeprefix("veh"))

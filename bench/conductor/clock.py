@@ -1,0 +1,73 @@
+"""The wall clock of a real-time run, a process of its own: BenchSync on all buses every 10 ms, whatever the others do.
+
+Every cycle has an absolute deadline, the start of the run plus its number times 10 ms, so a late BenchSync makes no
+other one late and nothing drifts.
+"""
+
+import select
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+
+from bench.bus.address import Address
+from bench.bus.base import Link
+from bench.bus.codec import Codec, load_codecs
+from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
+from bench.bus.link import open_link
+from bench.bus.ties import Ties
+from bench.bus.topic import CYCLE_MS, V2V
+from bench.conductor.linux import set_real_time, wait_until
+
+CLOCK = "clock"
+"""Name of the process."""
+
+CYCLE_NS = CYCLE_MS * 1_000_000
+
+START_NS = 50_000_000
+"""From being ready to the first cycle: the conductor sets the others' priorities meanwhile."""
+
+PRIORITY = 80
+"""SCHED_FIFO priority of this process, above all others of the bench."""
+
+
+def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> None:
+    """Send BenchSync of `cycles` cycles, then wait until the conductor stops the run or is gone.
+
+    Raises:
+        BadInput: a bus cannot be opened.
+        RunFailed: a bus went down.
+    """
+    codecs = load_codecs(vehicles)
+    with ExitStack() as stack:
+        links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
+        # The only other one to send BenchSync is the conductor, for the end of the run; it does so on all buses.
+        sync_id = codecs[V2V].can_id(BENCH_SYNC)
+        for link in links.values():
+            link.select([sync_id] if link is links[V2V] else [])
+        set_real_time(0, PRIORITY)
+        ties.ready(CLOCK, ())
+        start = time.monotonic_ns() + START_NS
+        for cycle in range(cycles):
+            frames = _frames(codecs, cycle)
+            wait_until(start + cycle * CYCLE_NS)
+            for bus, (can_id, data) in frames.items():
+                links[bus].send(can_id, data)
+            if _told_to_stop(ties.lifeline, links[V2V], sync_id, 0.0):
+                return
+        while not _told_to_stop(ties.lifeline, links[V2V], sync_id, None):
+            pass
+
+
+def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, tuple[int, bytes]]:
+    """BenchSync of a cycle on every bus."""
+    values = {"Command": RUN_REALTIME, "Cycle": cycle, "Time": cycle * CYCLE_MS / 1000}
+    return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
+
+
+def _told_to_stop(lifeline: int, link: Link, sync_id: int, timeout_s: float | None) -> bool:
+    """Whether the conductor has sent its own BenchSync, or is gone.
+
+    Other frames may come as well, where a link cannot leave them aside.
+    """
+    readable, _, _ = select.select([lifeline, link.fileno()], [], [], timeout_s)
+    return lifeline in readable or any(can_id == sync_id for can_id, _ in link.receive())

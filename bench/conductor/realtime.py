@@ -1,0 +1,392 @@
+"""The conductor of a real-time run: it listens, records and judges, but nobody waits for it.
+
+The wall clock is a process of its own (`clock`). In cycle k the plant publishes at BenchSync k, the ECUs have until
+BenchSync k+1 for their commands, and the plant applies what has come by then. What comes later has missed its deadline:
+the actuators hold, and after the DBC's timeout go to their safe state.
+
+A frame belongs to the cycle that its alive counter names, late or not; one without a counter to that of the newest
+frame of its sender that has one; one that is damaged, repeated or later than `SETTLE_CYCLES` to the cycle it came in.
+The log has that cycle's time, and the kernel's time of receipt beside it.
+"""
+
+import os
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bench.bus.base import Link
+from bench.bus.codec import Codec
+from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.inbox import BENCH_SYNC, STOP
+from bench.bus.ties import Truth
+from bench.bus.topic import CYCLE_MS, PLANT, V2V
+from bench.conductor.clock import CLOCK, PRIORITY
+from bench.conductor.crew import Crew, Ended
+from bench.conductor.cycle import Due, frames_due
+from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.linux import pin, real_time, set_real_time
+from bench.conductor.linux import stolen_s as stolen_s_so_far
+from bench.conductor.lockstep import PROGRESS_CYCLES
+from bench.conductor.outages import Outages
+from bench.conductor.recorder import Recorder
+from bench.conductor.seats import Seats
+from bench.errors import RunFailed
+
+CYCLE_NS = CYCLE_MS * 1_000_000
+
+PRIORITIES = {CLOCK: PRIORITY, PLANT: 70, "planner": 60, "tracker": 50}
+"""SCHED_FIFO priority by role: who is waited for by more goes first. An ECU of another role has the lowest of them."""
+
+RECORDER_PRIORITY = 10
+"""SCHED_FIFO priority of the conductor, which only records: after the bench's others, before all else."""
+
+REST_NS = 7_500_000
+"""In each cycle the conductor rests as long."""
+
+SETTLE_CYCLES = 2
+"""Cycles that a cycle is kept open for frames that come late, before it is judged and recorded."""
+
+_POLL_S = 0.01
+
+
+@dataclass
+class _Cycle:
+    """What has come of a cycle.
+
+    Attributes:
+        frames: time of receipt (ns), bus, identifier and data.
+        begun: when its BenchSync came, by bus (ns).
+        done: when the newest frame with a counter of each sender came, by name (ns).
+        seen: bus and identifier of the frames with a counter.
+        truth: its truth rows.
+    """
+
+    frames: list[tuple[int, str, int, bytes]] = field(default_factory=list)
+    begun: dict[str, int] = field(default_factory=dict)
+    done: dict[str, int] = field(default_factory=dict)
+    seen: set[tuple[str, int]] = field(default_factory=set)
+    truth: list[Truth] = field(default_factory=list)
+
+
+class Realtime:
+    """Conducts a run on the wall clock. It is the crew's `Listener`.
+
+    Attributes:
+        cycle: number of the newest cycle that has begun.
+        cycles: how many have begun.
+        misses: missed deadlines by name: of an ECU, or of the plant on one bus (veh1.plant).
+        scheduling: what the kernel has granted.
+    """
+
+    def __init__(
+        self,
+        links: Mapping[str, Link],
+        codecs: Mapping[str, Codec],
+        vehicles: int,
+        silence_s: float,
+        desk: FaultDesk,
+        seats: Seats,
+        *,
+        go_on: bool = False,
+    ) -> None:
+        """Listen on `links` (by bus name).
+
+        Args:
+            links: the conductor's ends of the buses.
+            codecs: codec of every bus.
+            vehicles: how many.
+            silence_s: longest time in s without a frame of the clock or of an ECU that no fault has silenced.
+            desk: where faults are taken in.
+            seats: those left free for ECUs that somebody starts by hand.
+            go_on: whether the run goes on without an ECU that has failed.
+        """
+        self._links = links
+        self._codecs = codecs
+        self._silence_s = silence_s
+        self._desk = desk
+        self._seats = seats
+        self._outages = Outages(desk.plan)
+        self._go_on = go_on
+        self._due = frames_due(codecs, vehicles)
+        self._sync_ids = {bus: codec.can_id(BENCH_SYNC) for bus, codec in codecs.items()}
+        self._data_ids = {
+            (bus, can_id): codecs[bus].data_id(due.message)
+            for bus, frames in self._due.items()
+            for can_id, due in frames.items()
+        }
+        self._senders = _senders(self._due)
+        self._open: dict[int, _Cycle] = defaultdict(_Cycle)
+        # By bus: the conductor reads one after the other, and may be behind with all of them.
+        self._newest = dict.fromkeys(codecs, -1)
+        self._at: dict[tuple[str, str], int] = {}
+        self._words: list[tuple[str, str]] = []
+        self._strays: list[tuple[str, int]] = []
+        self._prepared = -1
+        self._first_ns = 0
+        self._in_a_row: dict[str, int] = dict.fromkeys(self._senders, 0)
+        self._pids: dict[str, int] = {}
+        self.cycle = -1
+        self.misses: dict[str, int] = dict.fromkeys(self._senders, 0)
+        self.scheduling = ""
+        for link in links.values():
+            link.keep_times()
+
+    @property
+    def cycles(self) -> int:
+        """See the class."""
+        return self.cycle + 1
+
+    @property
+    def wall_s(self) -> float:
+        """Wall-clock time in s from the first BenchSync to the end of the newest cycle."""
+        newest = self._open[self.cycle].begun.get(V2V, self._first_ns) if self.cycle in self._open else self._first_ns
+        return (newest - self._first_ns + CYCLE_NS) / 1e9 if self.cycle >= 0 else 0.0
+
+    def run(self, crew: Crew, recorder: Recorder, cycles: int, on_progress: Callable[[float], None] | None) -> None:
+        """Start the clock, listen for `cycles` cycles, then stop the nodes.
+
+        Args:
+            crew: does the work.
+            recorder: takes every cycle.
+            cycles: how many.
+            on_progress: called now and then with the simulated time in s.
+
+        Raises:
+            RunFailed: a process ended or fell silent; the message names it and the time.
+            Interrupted: a signal has come.
+        """
+        stolen_s = stolen_s_so_far()
+        with real_time(RECORDER_PRIORITY):
+            self._run(crew, recorder, cycles, on_progress)
+        stolen_s = stolen_s_so_far() - stolen_s
+        if stolen_s > 0.0:
+            stolen = f"the host of this virtual machine took {stolen_s:.2f} s of processor time from it meanwhile"
+            self.scheduling += f"; {stolen}"
+            recorder.event(self.cycle, "info", "conductor", stolen)
+
+    def _run(self, crew: Crew, recorder: Recorder, cycles: int, on_progress: Callable[[float], None] | None) -> None:
+        crew.restart(CLOCK)
+        self._schedule(crew, recorder)
+        end_at: float | None = None
+        heard_at = time.monotonic()
+        while end_at is None or time.monotonic() < end_at:
+            self._rest()
+            if self._attend(crew, recorder):
+                heard_at = time.monotonic()
+            elif time.monotonic() - heard_at > self._silence_s:
+                raise RunFailed(f"{self._when()} no frame came for {self._silence_s:g} s, of the clock neither")
+            self._keep_up(crew, recorder, min(self._newest.values()) - SETTLE_CYCLES, on_progress)
+            if end_at is None and self.cycles >= cycles:
+                # The last cycle has its time like all others, and what is late is waited for as well.
+                end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_MS / 1000
+        sent = self._send_stop()
+        self._keep_up(crew, recorder, self.cycle, on_progress)
+        recorder.cycle(self.cycles, sent, (), (), ())
+        if on_progress is not None:
+            on_progress(self.cycles * CYCLE_MS / 1000)
+
+    def stop(self) -> None:
+        """Tell clock and nodes to stop."""
+        self._send_stop()
+
+    def _send_stop(self) -> list[tuple[str, int, bytes]]:
+        """Send the BenchSync that ends the run on all buses; return the frames, for the log."""
+        sent = []
+        number = self.cycle + 1
+        values = {"Command": STOP, "Cycle": number, "Time": number * CYCLE_MS / 1000}
+        for bus, link in self._links.items():
+            can_id, data = self._codecs[bus].encode(BENCH_SYNC, values, number)
+            link.send(can_id, data)
+            sent.append((bus, can_id, data))
+        return sent
+
+    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+        """See `Listener`."""
+        times = self._links[bus].times
+        if times is None:
+            times = [time.time_ns()] * len(frames)
+        if self.cycle < 0:
+            self._seats.note(bus, frames)
+        kept = self._seats.without_signs(bus, frames)
+        if len(kept) < len(frames):
+            times = [received for frame, received in zip(frames, times, strict=True) if frame in kept]
+        for (can_id, data), received in zip(kept, times, strict=True):
+            if self.cycle >= 0 or can_id == self._sync_ids[bus]:
+                self._take(bus, can_id, data, received)
+
+    def truth(self, row: Truth) -> None:
+        """See `Listener`."""
+        self._open[row.cycle].truth.append(row)
+
+    def words(self, name: str, text: str) -> None:
+        """See `Listener`."""
+        self._words.append((name, text))
+
+    def record_rest(self, recorder: Recorder) -> None:
+        """Record what has come of cycles that were not recorded."""
+        for number in sorted(self._open):
+            self._record(number, recorder)
+
+    def _take(self, bus: str, can_id: int, data: bytes, received: int) -> None:
+        due = self._due[bus].get(can_id)
+        if can_id == self._sync_ids[bus]:
+            number = int(self._codecs[bus].decode(can_id, data)[1]["Cycle"])
+            if self.cycle < 0:
+                self._first_ns = received
+            self.cycle = max(self.cycle, number)
+            self._newest[bus] = number
+            self._open[number].begun[bus] = received
+        elif due is None:
+            number = self.cycle
+            self._strays.append((bus, can_id))
+        else:
+            sender = _name(due)
+            if not due.protected:
+                number = self._at.get((bus, sender), self._newest[bus])
+            else:
+                named = self._named(due, data)
+                number = self._newest[bus] if named is None else named
+                if named is not None:
+                    self._at[bus, sender] = named
+                    self._open[named].done[sender] = received
+                    self._open[named].seen.add((bus, can_id))
+        self._open[max(number, 0)].frames.append((received, bus, can_id, data))
+
+    def _named(self, due: Due, data: bytes) -> int | None:
+        """The cycle that a frame's alive counter names, if that is to be believed.
+
+        It is not where the frame is damaged, names a cycle that is over for good, or comes once more.
+        """
+        place, newest = (due.bus, due.can_id), self._newest[due.bus]
+        if not check(data, self._data_ids[place]):
+            return None
+        number = newest - (newest - (data[1] & 0x0F)) % COUNTER_MODULUS
+        if number < max(0, newest - SETTLE_CYCLES) or place in self._open[number].seen:
+            return None
+        return number
+
+    def _rest(self) -> None:
+        """Wait for the part of a cycle in which the others have least to do.
+
+        To read every frame as it comes would take more time in all, and some of it from the others: two threads of a
+        core slow each other down.
+        """
+        into_cycle = (time.time_ns() - self._first_ns) % CYCLE_NS
+        if self.cycle >= 0 and into_cycle < REST_NS:
+            time.sleep((REST_NS - into_cycle) / 1e9)
+
+    def _attend(self, crew: Crew, recorder: Recorder) -> bool:
+        try:
+            return crew.attend(min(_POLL_S, self._silence_s))
+        except Ended as error:
+            text = f"{self._when()} {error}"
+            if not self._goes_on_without(error.names, crew, recorder, text):
+                raise Ended(text, error.names) from error
+            return True
+
+    def _keep_up(
+        self, crew: Crew, recorder: Recorder, newest: int, on_progress: Callable[[float], None] | None
+    ) -> None:
+        """Bring about the faults of the cycles that have begun; judge and record those up to `newest`."""
+        while self._prepared < self.cycle:
+            self._prepared += 1
+            self._desk.open(self._prepared, recorder)
+            self._outages.apply(self._prepared, crew)
+            self._schedule(crew, recorder)
+            if on_progress is not None and self._prepared % PROGRESS_CYCLES == 0:
+                on_progress(self._prepared * CYCLE_MS / 1000)
+        for number in sorted(number for number in self._open if number <= newest):
+            if self._open[number].begun:
+                self._judge(number, crew, recorder)
+            self._record(number, recorder)
+
+    def _record(self, number: int, recorder: Recorder) -> None:
+        cycle = self._open[number]
+        if number != self.cycle:
+            del self._open[number]
+        ordered = sorted(cycle.frames)
+        cycle.frames = []
+        truth, cycle.truth = cycle.truth, []
+        words, self._words = self._words, []
+        strays, self._strays = self._strays, []
+        frames = [(bus, can_id, data) for _, bus, can_id, data in ordered]
+        recorder.cycle(number, frames, truth, strays, words, [received for received, *_ in ordered])
+
+    def _judge(self, number: int, crew: Crew, recorder: Recorder) -> None:
+        """Note who has missed the end of a cycle."""
+        cycle, following = self._open[number], self._open.get(number + 1)
+        absent = self._outages.absent
+        for name, bus in self._senders.items():
+            if name in absent:
+                self._in_a_row[name] = 0
+                continue
+            end = following.begun.get(bus) if following else None
+            if end is None:
+                end = cycle.begun.get(bus, self._first_ns + number * CYCLE_NS) + CYCLE_NS
+            done = cycle.done.get(name)
+            if done is not None and done <= end:
+                if self._in_a_row[name]:
+                    recorder.event(number, "info", name, f"in time again after {self._in_a_row[name]} missed deadlines")
+                    self._in_a_row[name] = 0
+                continue
+            self.misses[name] += 1
+            self._in_a_row[name] += 1
+            if self._in_a_row[name] == 1:
+                late = "sent nothing" if done is None else f"was {(done - end) / 1e6:.2f} ms late"
+                recorder.event(number, "warning", name, f"missed its deadline: {late}")
+            if self._in_a_row[name] * CYCLE_MS / 1000 > self._silence_s and not name.endswith(f".{PLANT}"):
+                text = f"{self._when()} {name} has met no deadline for {self._silence_s:g} s"
+                if not self._goes_on_without([name], crew, recorder, text):
+                    raise RunFailed(text)
+
+    def _when(self) -> str:
+        return f"in cycle {self.cycle} (t = {self.cycle * CYCLE_MS / 1000:.2f} s)"
+
+    def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: Recorder, text: str) -> bool:
+        """Whether the run goes on without ECUs that have failed; if so, sees to it."""
+        if not self._go_on or not names or PLANT in names or CLOCK in names:
+            return False
+        for name in names:
+            self._outages.failed(name, crew)
+        recorder.event(max(self.cycle, 0), "error", "conductor", f"{text}; the run goes on without {', '.join(names)}")
+        return True
+
+    def _schedule(self, crew: Crew, recorder: Recorder) -> None:
+        """Give the processes that are new their priority, and a core of their own where there are enough."""
+        pids = crew.pids
+        new = {name: pid for name, pid in pids.items() if self._pids.get(name) != pid}
+        if not new:
+            return
+        self._pids = dict(pids)
+        lowest = min(PRIORITIES.values())
+        granted = [set_real_time(pid, PRIORITIES.get(name.rpartition(".")[2], lowest)) for name, pid in new.items()]
+        cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+        alone = len(cores) > len(pids)
+        if alone:
+            # The first core is left to the conductor and whatever else the machine does.
+            for core, name in zip(cores[1:], sorted(pids), strict=False):
+                pin(pids[name], {core})
+        if self.scheduling:
+            return
+        how = "each on a core of its own" if alone else f"{len(pids)} processes share {len(cores)} cores"
+        if all(granted):
+            self.scheduling = f"SCHED_FIFO, {how}"
+        else:
+            self.scheduling = f"no SCHED_FIFO (it takes root, CAP_SYS_NICE or a limit set with ulimit -r), {how}"
+        recorder.event(0, "info" if all(granted) else "warning", "conductor", self.scheduling)
+
+
+def _senders(due: Mapping[str, Mapping[int, Due]]) -> dict[str, str]:
+    """Whose frames have a deadline in every cycle: name, and the bus whose BenchSync ends their cycle."""
+    senders: dict[str, str] = {}
+    for bus, frames in due.items():
+        for each in frames.values():
+            if each.protected and each.period == 1 and bus != V2V:
+                senders[_name(each)] = bus
+    return senders
+
+
+def _name(due: Due) -> str:
+    """The sender of a frame; the plant is one of its own on each bus."""
+    return f"{due.bus}.{PLANT}" if due.sender == PLANT else due.sender

@@ -1,0 +1,41 @@
+"""No single fault makes vehicles collide, and what can be told is told: a sample of the table in docs/faults.md.
+
+The whole table: `.venv/bin/python -m tests.integration.single_faults`.
+"""
+
+import pytest
+
+from tests.integration.single_faults import KINDS, SAFE_DISTANCE_M, Case, examine
+
+SAMPLE = [
+    Case("planner crashes", 2, 0.0),
+    Case("planner crashes, back after 1 s", 1, 1.0),
+    Case("tracker crashes", 2, 0.0),
+    Case("plant off the bus", 2, 0.4),
+    Case("radio of all out", 1, 1.0),
+    Case("half of all lost, vehicle", 3, 0.4),
+    Case("broadcast position stuck", 1, 1.0),
+    Case("yaw rate off by 0.2 rad/s", 2, 0.4),
+    Case("Y off by 2 m", 2, 0.0),
+    Case("X off by 5 m", 3, 1.0),
+    Case("Reference yaw rate stuck", 1, 1.0),
+    Case("steering stuck at 0.03 rad", 1, 1.0),
+    Case("ice under all", 1, 0.0),
+]
+
+
+@pytest.mark.parametrize("case", SAMPLE, ids=lambda case: f"{case.name}, vehicle {case.vehicle}, {case.at_s} s")
+def test_vehicles_stay_apart_and_the_fault_is_told(case: Case) -> None:
+    outcome = examine(case)
+    assert outcome.least_m > SAFE_DISTANCE_M, outcome
+    within = KINDS[case.name][1]
+    assert outcome.detected is not None
+    if within is not None:
+        # In the very first cycle there is nothing yet to compare a velocity with.
+        assert outcome.detected <= within + (case.at_s == 0.0), outcome
+
+
+def test_with_its_planner_back_the_vehicle_comes_back() -> None:
+    outcome = examine(Case("planner crashes, back after 1 s", 3, 6.0), duration_s=14.0)
+    assert outcome.least_m > SAFE_DISTANCE_M
+    assert outcome.slowest > 19.0
