@@ -278,9 +278,7 @@ def fault(
 )
 def vcan(
     command: Annotated[list[str], typer.Argument(metavar="[--] COMMAND...", help="Any command with its arguments.")],
-    memory: Annotated[
-        int, typer.Option(metavar="MB", help="The most memory that the small kernel may take.")
-    ] = 2048,
+    memory: Annotated[int, typer.Option(metavar="MB", help="The most memory that the small kernel may take.")] = 2048,
 ) -> None:
     """Run a command where the CAN links vcan0 to vcan16 are, also on a machine whose kernel has no CAN.
 

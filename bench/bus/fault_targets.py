@@ -34,9 +34,7 @@ def _message_problems(fault: Fault, bus: str, vehicles: int) -> list[Problem]:
     if isinstance(fault, SENSOR_FAULTS):
         known = [each for each in known if codec.message(each).senders[0] == "Plant"]
     if name not in known:
-        return [
-            (("message",), f"= {name} is nothing on {bus} that can have this fault; allowed: {', '.join(known)}")
-        ]
+        return [(("message",), f"= {name} is nothing on {bus} that can have this fault; allowed: {', '.join(known)}")]
     if fault.kind == "counter_stuck" and not codec.data_id(name):
         return [(("message",), f"= {name} has no alive counter")]
     signal = getattr(fault, "signal", None)

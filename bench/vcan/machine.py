@@ -97,6 +97,15 @@ class Machine:
         )
         for descriptor in theirs:
             os.close(descriptor)
+        # The kernel dies with its parent, but it has helper processes that do not notice. This one sees to them: its
+        # standard input ends when this process is gone, however that happened.
+        self._watcher = subprocess.Popen(
+            ["/bin/sh", "-c", 'read _; kill -9 "-$1"', "sh", str(self._process.pid)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
         self._console: deque[str] = deque(maxlen=LAST_LINES)
         self._listener = threading.Thread(target=self._listen, args=(log,), daemon=True)
         self._listener.start()
@@ -110,6 +119,8 @@ class Machine:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
+        self._watcher.kill()
+        self._watcher.communicate()
         os.close(self.control)
         os.close(self.answers)
         self.forget_files()

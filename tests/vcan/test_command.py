@@ -5,8 +5,8 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -35,20 +35,30 @@ def run(*command: str, cwd: Path, stdin: bytes = b"") -> subprocess.CompletedPro
     )
 
 
-def kernels() -> set[int]:
-    """Process numbers of all user-mode Linux kernels on this machine."""
-    found = set()
+def kernel_of(process: subprocess.Popen[bytes]) -> int:
+    """Process group of the kernel that a running `platoon vcan` has started."""
     for folder in Path("/proc").iterdir():
-        try:
+        with suppress(OSError):
             if folder.name.isdigit() and b"rootfstype=hostfs" in (folder / "cmdline").read_bytes():
-                found.add(int(folder.name))
-        except OSError:
-            continue
-    return found
+                parent, group = (folder / "stat").read_text().rpartition(")")[2].split()[1:3]
+                if int(parent) == process.pid:
+                    return int(group)
+    raise AssertionError("there is no kernel")
+
+
+def assert_gone(group: int) -> None:
+    """Nothing of a kernel is left, or will be soon."""
+    end = time.monotonic() + 60.0
+    while True:
+        try:
+            os.killpg(group, 0)
+        except ProcessLookupError:
+            return
+        assert time.monotonic() < end, f"there are processes of group {group} left"
+        time.sleep(0.05)
 
 
 def test_streams_status_directory_and_environment_are_the_callers(tmp_path: Path) -> None:
-    before, temporary = kernels(), set(Path(tempfile.gettempdir()).iterdir())
     script = (
         "import os, sys, socket\n"
         "data = sys.stdin.buffer.read()\n"
@@ -63,8 +73,6 @@ def test_streams_status_directory_and_environment_are_the_callers(tmp_path: Path
     assert done.stdout == bytes(range(256)) * 40_000 + b"and the end\r\n\x00"
     assert done.stderr.decode() == f"{tmp_path} {ROOT}"
     assert (tmp_path / "made").read_text() == "here"
-    assert kernels() <= before
-    assert {path for path in set(Path(tempfile.gettempdir()).iterdir()) - temporary if "vcan" in path.name} == set()
 
 
 def test_a_command_that_a_signal_ends_has_the_shells_status(tmp_path: Path) -> None:
@@ -73,29 +81,34 @@ def test_a_command_that_a_signal_ends_has_the_shells_status(tmp_path: Path) -> N
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_reaches_the_command(tmp_path: Path, number: signal.Signals) -> None:
-    before = kernels()
     script = "trap 'echo got it; exit 42' INT TERM; echo ready; while :; do sleep 0.1; done"
     command = [*PLATOON, "sh", "-c", script]
-    with subprocess.Popen(command, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE) as process:
+    place = tmp_path / "tmp"
+    place.mkdir()
+    there = environment() | {"TMPDIR": str(place)}
+    with subprocess.Popen(command, cwd=tmp_path, env=there, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
+        kernel = kernel_of(process)
         process.send_signal(number)
         assert process.stdout.read() == b"got it\n"
         assert process.wait(LIMIT_S) == 42
-    assert kernels() <= before
+    assert_gone(kernel)
+    assert list(place.iterdir()) == []
 
 
 def test_nothing_is_left_of_one_that_is_killed(tmp_path: Path) -> None:
-    before = kernels()
+    place = tmp_path / "tmp"
+    place.mkdir()
     command = [*PLATOON, "sh", "-c", "echo ready; sleep 1000"]
-    with subprocess.Popen(command, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE) as process:
+    there = environment() | {"TMPDIR": str(place)}
+    with subprocess.Popen(command, cwd=tmp_path, env=there, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
+        kernel = kernel_of(process)
         process.kill()
-    end = time.monotonic() + 60.0
-    while not kernels() <= before:
-        assert time.monotonic() < end, "the kernel outlived its caller"
-        time.sleep(0.05)
+    assert_gone(kernel)
+    assert list(place.iterdir()) == []
 
 
 def test_no_such_command_is_said_before_anything_starts(tmp_path: Path) -> None:
