@@ -194,7 +194,7 @@ def test_a_set_that_fits_nowhere_is_refused(override, message):
         ("platoon.gapm=3", "platoon.gapm is no key of a scenario; did you mean platoon.gap_m?"),
         ("planner.nonsense=3", "planner.nonsense is no key of a scenario"),
         ("tracker.nonsense=3", "tracker.nonsense is no key of a scenario"),
-        ("colour=3", "colour is no key of a scenario; allowed: description, duration_s"),
+        ("colour=3", "colour is no key of a scenario; allowed: buses, description, duration_s"),
         (
             "platoon.gap_m=-10.0",
             "platoon.gap_m = -10.0 is not allowed; allowed: a finite number from 5 to 100",

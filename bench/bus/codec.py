@@ -128,6 +128,7 @@ class Codec:
         self._by_name = {layout.name: layout for layout in layouts}
         self._by_id = {layout.can_id: layout for layout in layouts}
         self._data_ids = {layout.can_id: layout.data_id for layout in layouts if layout.data_id}
+        self._states = _states_of(database)
         self._wall_clock = frozenset(layout.can_id for layout in layouts if layout.wall_clock)
 
     def message(self, name: str) -> Message:
@@ -254,6 +255,10 @@ class Codec:
         """
         return self._layout_of(name).data_id
 
+    def is_possible(self, can_id: int, values: Mapping[str, float]) -> bool:
+        """Return whether all states among a message's values are in their value tables."""
+        return all(values[signal] in states for signal, states in self._states.get(can_id, ()))
+
     def is_protected(self, can_id: int) -> bool:
         """Return whether the frames of this identifier carry an E2E CRC and counter; unknown ones do not."""
         return can_id in self._data_ids
@@ -301,6 +306,16 @@ def load_codecs(vehicles: int) -> dict[str, Codec]:
 def bus_names(vehicles: int) -> tuple[str, ...]:
     """Return the names of a bench's buses in their order: v2v, veh1, veh2, ... up to `vehicles`."""
     return ("v2v", *(f"veh{vehicle}" for vehicle in range(1, vehicles + 1)))
+
+
+def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]]:
+    """Return by identifier the signals that have a value table, and the values in it."""
+    found: dict[int, list[tuple[str, frozenset[int]]]] = {}
+    for message in database.messages:
+        for signal in message.signals:
+            if signal.choices:
+                found.setdefault(message.frame_id, []).append((signal.name, frozenset(map(int, signal.choices))))
+    return found
 
 
 @cache

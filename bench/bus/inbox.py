@@ -263,6 +263,11 @@ class Inbox:
             # The frame that is due may still come; in virtual time it is announced where it does not.
             return
         values = bus.codec.decode(can_id, data)[1]
+        if status is Status.OK and not bus.codec.is_possible(can_id, values):
+            # Its CRC is right by chance, or its sender is out of its mind.
+            status = Status.ERROR
+            bus.errors += 1
+            slot.refused = ReceptionState.ERROR
         if slot.topic.message == BENCH_SYNC:
             if values["Command"] == STOP:
                 self.stopped = True

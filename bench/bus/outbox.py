@@ -129,7 +129,8 @@ class Outbox:
                 frames, good = self._on_the_way(item, can_id, data, mine, cycle) if mine else ([data], True)
             for frame in frames:
                 self._links[bus].send(can_id, frame)
-            if lockstep and not good:
+            # Of an unprotected frame nobody can tell that it is not as it should be.
+            if lockstep and not good and (not frames or self._codecs[bus].is_protected(can_id)):
                 self.absent(bus, can_id, cycle)
 
     def _on_the_way(

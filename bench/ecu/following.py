@@ -53,7 +53,7 @@ class Following:
         state = ActuatorState(int(status["ActuatorState"]))
         self._waiting = self._waiting + 1 if state is ActuatorState.INIT else 0
         held = state is ActuatorState.HOLD and status["HeldCycles"] >= HELD_CYCLES
-        silent = state is ActuatorState.SAFE or held or self._waiting > PERSISTENT_CYCLES
+        silent = state is ActuatorState.SAFE or held or self._waiting > HELD_CYCLES
         self._tracker_lost = silent or status["CommandState"] == CommandState.SAFE
 
     def _compare(self, v_x: float, yaw_rate: float) -> None:

@@ -1,5 +1,6 @@
 """The tracker ECU: measured motion and the planner's reference in, steering and wheel-torque commands out."""
 
+import math
 from collections.abc import Mapping
 from time import perf_counter
 
@@ -56,6 +57,13 @@ _OWN = (
 )
 
 
+SLIDING_SLIP_RAD = 0.06
+"""Slip angle at which a front tyre saturates on ice (brush tyre, adhesion 0.2, half the axle's load and stiffness)."""
+
+CALM_CYCLES = 100
+"""Cycles without a disturbance beyond measure after which the vehicle is taken not to slide."""
+
+
 class TrackerEcu:
     """The paper's tracking level as an ECU.
 
@@ -93,6 +101,7 @@ class TrackerEcu:
         self._steering_good = STEERING_RECOVERY_CYCLES
         self._unanswered = 0
         self._disturbed = 0
+        self._calm = CALM_CYCLES
 
     @staticmethod
     def warm_up() -> None:
@@ -191,9 +200,20 @@ class TrackerEcu:
         """What the tracking itself tells of the vehicle and the solver."""
         broken = out is not None and bool((np.abs(out.disturbance) > DISTURBANCE).any())
         self._disturbed = self._disturbed + 1 if broken else 0
+        self._calm = 0 if self._disturbed >= DISTURBANCE_CYCLES else self._calm + 1
         if self._disturbed >= DISTURBANCE_CYCLES:
             return Cause.VEHICLE_FAULT
         return Cause.NONE if out is None or out.source is GainSource.SDP else Cause.SOLVER_FALLBACK
+
+    @property
+    def _sliding(self) -> bool:
+        """Whether the vehicle has lately not done what tyres on a road would do."""
+        return self._calm < CALM_CYCLES
+
+    def _within_grip(self, steering: float, own: OwnState) -> float:
+        """Keep the front wheels where a tyre that slides has its greatest side force: beyond it has only less say."""
+        way = math.atan2(own.v_y + self._parameters.l_f * own.yaw_rate, max(own.v_x, 1.0))
+        return min(max(steering, way - SLIDING_SLIP_RAD), way + SLIDING_SLIP_RAD)
 
     @staticmethod
     def _state(out: TrackerOutput | None, cause: Cause, *, slowing: bool) -> EcuState:
@@ -222,6 +242,9 @@ class TrackerEcu:
                 validity = CommandState.SAFE
             steering, forces = out.steering, out.wheel_forces
             self._commanded = out.u
+            if self._sliding:
+                steering = self._within_grip(steering, own)
+                self._commanded = np.array([steering, *out.u[1:]])
             if self._steering_stuck:
                 steering, forces = 0.0, self._brake_steering.forces(own.v_x, own.yaw_rate, *then)
                 left, right = forces[0] + forces[1], forces[2] + forces[3]
