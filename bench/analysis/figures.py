@@ -16,6 +16,7 @@ from bench.analysis.boundary import margin, yaw_rate_max
 from bench.analysis.bus_load import BusLoad
 from bench.analysis.motion import Array, motion, rows_at, told
 from bench.analysis.requirements import LEAST_DISTANCE_M
+from bench.analysis.timing import histograms, timing
 from bench.bus.topic import V2V
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
@@ -125,6 +126,7 @@ class Figures:
         self._estimates()
         self._flocking()
         self._solvers()
+        self._real_time()
         self._buses(buses)
 
     def as_dict(self) -> dict[str, Any]:
@@ -351,6 +353,36 @@ class Figures:
                 y_range=[0.0, 1.0],
             )
         )
+
+    def _real_time(self) -> None:
+        """How the response times are distributed, where the wall clock paced the run."""
+        times = timing(self._run)
+        if times is None:
+            return
+        found = histograms(times)
+        self._put_as_is("rt.x", np.array(found["edges_ms"]))
+        for role in ("planner", "tracker", "plant"):
+            nodes = [node for node in found["nodes"] if node["name"].endswith(f".{role}")]
+            curves = [
+                self._counted(node["name"], node["counts"], colour(number)) for number, node in enumerate(nodes, 1)
+            ]
+            missed = sum(node["late"] + node["missing"] for node in nodes)
+            of = sum(node["cycles"] for node in nodes)
+            jitter = max((node["jitter_ms"] for node in nodes), default=0.0)
+            caption = f"{missed} of {of} deadlines missed; jitter up to {jitter:.1f} ms."
+            self._real_time_figure(role, f"Response time, {role}", curves, caption)
+        late = self._counted("BenchSync", found["clock"]["counts"], "ink")
+        caption = f"At most {found['clock'].get('max_ms', 0.0):.2f} ms."
+        self._real_time_figure("clock", "How late the clock was", [late], caption)
+
+    def _counted(self, name: str, counts: Sequence[int], line_colour: str) -> Curve:
+        self._put_as_is(f"rt.{name}", np.array([*counts, counts[-1]], np.float64))
+        return Curve(name, "rt.x", f"rt.{name}", line_colour, at="", step=True)
+
+    def _real_time_figure(self, name: str, title: str, curves: list[Curve], caption: str) -> None:
+        ids, group, label = f"realtime{name}", "Real time", "time from BenchSync [ms]"
+        figure = Figure(ids, title, group, label, "cycles", curves, caption, time=False, y_range=[0.0, 1.0])
+        self._add_if(figure)
 
     def _buses(self, buses: Sequence[BusLoad]) -> None:
         curves = []

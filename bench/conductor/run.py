@@ -12,6 +12,7 @@ from bench.bus.address import Address, settle
 from bench.bus.codec import load_codecs
 from bench.bus.fault_plan import FaultBoard, FaultPlan
 from bench.bus.link import LinkError, open_link
+from bench.bus.schedulability import check_load
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
@@ -102,8 +103,8 @@ def run(
         realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
 
     Raises:
-        BadInput: the log exists, the FMU is missing, an ECU cannot be loaded, a bus cannot be opened; nothing was
-            started or written.
+        BadInput: the log exists, a bus would be overloaded, the FMU is missing, an ECU cannot be loaded, a bus cannot
+            be opened; nothing was started or written.
         RunFailed: a process ended or fell silent; the log is closed and holds all up to then.
         Interrupted: SIGINT, SIGTERM or SIGHUP came; the log likewise.
     """
@@ -120,6 +121,7 @@ def run(
     with ExitStack() as stack:
         settled = stack.enter_context(settle(address, vehicles))
         codecs = load_codecs(vehicles)
+        late = check_load(codecs, vehicles)
         board = FaultBoard.create()
         stack.callback(os.close, board)
         plan = FaultPlan(scenario.faults, scenario.seed, FaultBoard(board))
@@ -138,6 +140,8 @@ def run(
         from bench.conductor.recorder import open_recorder
 
         recorder = open_recorder(out, stage, command_line, BusTimeline(codecs, crew.inputs, realtime=realtime))
+        for line in late:
+            recorder.event(0, "warning", "bus", line)
         startup_s = 0.0
         ending = _Ending("failed", "the conductor failed")
         try:

@@ -5,8 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.analysis.figures import Figures
 from bench.analysis.timing import timing
+from bench.bus import codec
 from bench.bus.address import Address
+from bench.bus.codec import DBC_DIR
 from bench.bus.inbox import RUN_REALTIME, STOP
 from bench.bus.states import ActuatorState
 from bench.conductor.run import RunResult, run
@@ -78,3 +81,26 @@ def test_one_process_cannot_keep_real_time(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="--clock realtime: with --can direct all is in one process"):
         realtime(tmp_path / "run.mcap", can="direct")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_report_has_the_response_times_as_histograms(tmp_path: Path) -> None:
+    _, recorded = realtime(tmp_path / "run.mcap", "duration_s=0.4")
+    figures = Figures(recorded)
+    found = {figure.id: figure for figure in figures.figures if figure.group == "Real time"}
+    assert set(found) == {"realtimeplanner", "realtimetracker", "realtimeplant", "realtimeclock"}
+    times = timing(recorded)
+    assert times is not None
+    for curve in found["realtimetracker"].curves:
+        node = next(node for node in times.nodes if node.name == curve.name)
+        assert sum(filter(None, figures.pool[curve.y][:-1])) == node.cycles - node.missing
+
+
+def test_a_bus_that_would_be_overloaded_is_refused_before_anything_starts(tmp_path: Path, monkeypatch) -> None:
+    for name in ("vehicle.dbc", "v2v.dbc"):
+        text = (DBC_DIR / name).read_text(encoding="cp1252").replace('BA_ "Baudrate" 500000', 'BA_ "Baudrate" 125000')
+        (tmp_path / name).write_text(text, encoding="cp1252")
+    monkeypatch.setattr(codec, "DBC_DIR", tmp_path)
+    out = tmp_path / "run.mcap"
+    with pytest.raises(BadInput, match=r"bus veh1 to veh3: overloaded: .* of 125 kbit/s.* set Baudrate to 500000"):
+        run(load("formation"), address=Address.parse("direct"), out=out, command_line=[])
+    assert not out.exists()
