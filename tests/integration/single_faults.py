@@ -45,7 +45,8 @@ KINDS: dict[str, tuple[str, int | None]] = {
     ),
     "torque command stuck": ('kind="signal_stuck",bus="{bus}",message="TorqueCommandFront",signal="TorqueFL"', None),
     "all frames lost, v2v": ('kind="frame_loss",bus="v2v"', 1),
-    "all frames lost, vehicle": ('kind="frame_loss",bus="{bus}"', 0),
+    # Its ECUs cannot say so on that bus; the others do.
+    "all frames lost, vehicle": ('kind="frame_loss",bus="{bus}"', 6),
     "half of all lost, vehicle": ('kind="frame_loss",bus="{bus}",probability=0.5', 2),
     "half of all lost, v2v": ('kind="frame_loss",bus="v2v",probability=0.5', 3),
     "bursts of loss, vehicle": ('kind="frame_loss",bus="{bus}",bursts={{to_bad=0.05,to_good=0.2}}', None),
