@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from bench.bus.base import EXTENDED
 from bench.bus.codec import load_codecs
 from bench.bus.interface import InterfaceLink
-from bench.bus.kernel_links import require_links
+from bench.bus.kernel_links import check_links, require_links
 from bench.bus.link import Address, LinkError, open_link, reserve_udp_ports, settle
 from bench.errors import BadInput
 
@@ -367,10 +367,17 @@ class TestVcan(OnSockets):
         assert bytes(message.data) == b"abc"
 
     def test_missing_links_are_all_named_with_what_to_type(self):
-        with pytest.raises(BadInput) as caught, settle(Address.parse("vcan"), vehicles=15):
-            pass
-        assert "sudo ip link add vcan15 type vcan\n  sudo ip link set vcan15 up" in str(caught.value)
+        with pytest.raises(BadInput) as caught:
+            check_links(["vcan0", "vcan98", "vcan99"])
+        for missing in ("vcan98", "vcan99"):
+            assert f"sudo ip link add {missing} type vcan\n  sudo ip link set {missing} up" in str(caught.value)
         assert "vcan0 " not in str(caught.value)
+
+    def test_missing_real_links_are_all_named_with_what_to_type(self):
+        with pytest.raises(BadInput) as caught, settle(Address.parse("socketcan:can{}"), vehicles=2):
+            pass
+        commands = [f"  sudo ip link set can{number} up type can bitrate 500000" for number in range(3)]
+        assert str(caught.value).splitlines()[1:] == commands
 
 
 @pytest.mark.skipif(not missing_vcan(), reason="this machine has vcan0 and vcan1")
