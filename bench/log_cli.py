@@ -3,6 +3,7 @@
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
 
+import json
 import os
 import sys
 from enum import StrEnum
@@ -85,6 +86,23 @@ def import_(
     done = import_logs(files, out, kind=chosen, buses=buses, dbc=dbc or (), command_line=["platoon", *sys.argv[1:]])
     typer.echo(f"{out}: {', '.join(f'{count} frames on {name}' for name, count in done.frames.items())}")
     _show(done.notes)
+
+
+@log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
+def layout(
+    log: Annotated[
+        Path | None, typer.Argument(metavar="[RUN.mcap]", help="For as many vehicles as this log has; else three.")
+    ] = None,
+) -> None:
+    """Print a layout to import in Foxglove or Lichtblick: road, speeds, yaw rates, states, events.
+
+    For example: platoon log layout RUN.mcap > platoon.json
+    """
+    from bench.record.foxglove_layout import layout as made_for
+    from bench.record.reader import Run
+
+    vehicles = 3 if log is None else Run(_readable(log)).vehicles
+    typer.echo(json.dumps(made_for(vehicles), indent=1))
 
 
 def _format(kind: FormatName | None, out: Path | None) -> "Format":

@@ -10,6 +10,7 @@ from bench.bus.codec import Codec
 from bench.bus.ties import Truth
 from bench.bus.timing import BusTimeline
 from bench.bus.topic import CYCLE_MS
+from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.stage import Stage
 from bench.conductor.state_watch import StateWatch
 from bench.errors import RunFailed
@@ -19,7 +20,9 @@ CYCLE_NS = CYCLE_MS * 1_000_000
 _LOST, _ERRORS = "FramesLost", "E2EErrors"
 
 
-def open_recorder(out: Path, stage: Stage, command_line: Sequence[str], timeline: BusTimeline) -> "Recorder":
+def open_recorder(
+    out: Path, stage: Stage, command_line: Sequence[str], timeline: BusTimeline, watch: ProcessWatch
+) -> "Recorder":
     """Begin the log of a run in the file `out`, its frames timed by `timeline`.
 
     Raises:
@@ -32,10 +35,10 @@ def open_recorder(out: Path, stage: Stage, command_line: Sequence[str], timeline
         truth_units=stage.description.truth_units,
         vehicles=stage.vehicles,
         metadata=stage.metadata(command_line),
-        attachments=stage.attachments(),
+        attachments=stage.attachments(command_line),
         timeline=timeline,
     )
-    return Recorder(writer, stage.codecs)
+    return Recorder(writer, stage.codecs, watch)
 
 
 _COUNTS = ("FramesLost", "E2EErrors")
@@ -48,9 +51,10 @@ class Recorder:
     Once the log cannot be written any more, which raises `RunFailed`, nothing more is.
     """
 
-    def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec]) -> None:
-        """Record to `writer`."""
+    def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec], watch: ProcessWatch) -> None:
+        """Record to `writer`, with what `watch` sees."""
         self._writer = writer
+        self._watch = watch
         self._codecs = codecs
         self._health_ids = {
             (bus, codec.can_id(name))
@@ -117,6 +121,8 @@ class Recorder:
                 self.event(number, "warning", "conductor", text)
         for name, text in words:
             self.event(number, "warning", name, text)
+        for name, usage in self._watch.samples():
+            self._writer.process(name, time_ns, usage)
 
     def event(self, cycle: int, level: str, source: str, text: str) -> None:
         """Record an event at the time of a cycle.

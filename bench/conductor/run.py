@@ -137,9 +137,11 @@ def run(
         crew = stage.crew(links, conducted, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
         from bench.bus.timing import BusTimeline
+        from bench.conductor.process_watch import ProcessWatch
         from bench.conductor.recorder import open_recorder
 
-        recorder = open_recorder(out, stage, command_line, BusTimeline(codecs, crew.inputs, realtime=realtime))
+        timeline = BusTimeline(codecs, crew.inputs, realtime=realtime)
+        recorder = open_recorder(out, stage, command_line, timeline, ProcessWatch(lambda: crew.pids))
         for line in late:
             recorder.event(0, "warning", "bus", line)
         startup_s = 0.0

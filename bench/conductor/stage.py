@@ -3,6 +3,7 @@
 import platform
 import shlex
 import socket
+import subprocess
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
@@ -27,6 +28,7 @@ from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
 from bench.plant.description import FmuDescription
 from bench.scenario import Scenario
 
+_GIT_S = 2.0
 _PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "cantools", "mcap")
 
 
@@ -85,6 +87,7 @@ class Stage:
             "buses": str(self.address),
             "clock": "realtime" if self.realtime else "lockstep",
             "command_line": shlex.join(command_line),
+            "commit": _commit(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "host": socket.gethostname(),
             "platform": platform.platform(),
@@ -94,9 +97,10 @@ class Stage:
             **{f"version {name}": _version(name) for name in _PACKAGES},
         }
 
-    def attachments(self) -> dict[str, bytes]:
+    def attachments(self, command_line: Sequence[str]) -> dict[str, bytes]:
         """The files that the log carries along."""
         return {
+            "command_line.txt": f"{shlex.join(command_line)}\n".encode(),
             "scenario.toml": self.scenario.toml().encode(),
             "vehicle.dbc": (DBC_DIR / "vehicle.dbc").read_bytes(),
             "v2v.dbc": (DBC_DIR / "v2v.dbc").read_bytes(),
@@ -145,6 +149,25 @@ class Stage:
             return node, tuple(ecu.inputs)
 
         return make
+
+
+def _commit() -> str:
+    """The commit that this source is checked out at, with `+` where something has been changed since; else empty."""
+    # An installed copy may lie in somebody else's repository, which does not track it.
+    if not _git("ls-files", "--error-unmatch", Path(__file__).name):
+        return ""
+    return _git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
+
+
+def _git(*arguments: str) -> str:
+    """The answer of git, empty where there is none."""
+    try:
+        told = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=_GIT_S
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return told.stdout.strip() if told.returncode == 0 else ""
 
 
 def _version(package: str) -> str:

@@ -2,16 +2,17 @@
 
 https://docs.foxglove.dev/docs/sdk/schemas; the descriptors come from the package `foxglove-schemas-protobuf`.
 Frames: `map` is the road frame (X along the road, Y to the left, Z up), `veh<i>` the body frame of vehicle i at its
-centre of mass projected onto the road (ISO 8855 axes).
+centre of mass projected onto the road (ISO 8855 axes), `veh<i>/slot` where its planner is heading, along the road.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
@@ -48,6 +49,11 @@ def frame_id(vehicle: int) -> str:
     return f"veh{vehicle}"
 
 
+def slot_frame_id(bus: str) -> str:
+    """Return the name of the frame of the slot that the planner on `bus` is heading for."""
+    return f"{bus}/slot"
+
+
 def transforms(time_ns: int, poses: Sequence[tuple[float, float, float, float]]) -> bytes:
     """Return one FrameTransforms from `map` to each vehicle.
 
@@ -64,6 +70,17 @@ def transforms(time_ns: int, poses: Sequence[tuple[float, float, float, float]])
         cos_roll, sin_roll = math.cos(phi / 2.0), math.sin(phi / 2.0)
         item.rotation.x, item.rotation.y = cos_yaw * sin_roll, sin_yaw * sin_roll
         item.rotation.z, item.rotation.w = sin_yaw * cos_roll, cos_yaw * cos_roll
+    return message.SerializeToString()
+
+
+def slots(time_ns: int, places: Mapping[str, tuple[float, float]]) -> bytes:
+    """Return one FrameTransforms from `map` to the slots: by bus X and Y in m."""
+    message = FrameTransforms()
+    for bus, (x, y) in places.items():
+        item = message.transforms.add(parent_frame_id=MAP_FRAME, child_frame_id=slot_frame_id(bus))
+        item.timestamp.FromNanoseconds(time_ns)
+        item.translation.x, item.translation.y = x, y
+        item.rotation.w = 1.0
     return message.SerializeToString()
 
 
@@ -89,7 +106,7 @@ def log(time_ns: int, level: str, source: str, text: str) -> bytes:
 
 
 def scene(time_ns: int, vehicles: int, lanes: Sequence[float]) -> bytes:
-    """Return the scene: a body and a label fixed to each vehicle's frame, and the lane markings.
+    """Return the scene: a body and a name fixed to each vehicle's frame, an outline to its slot's, the lane markings.
 
     Args:
         time_ns: simulated time.
@@ -98,7 +115,10 @@ def scene(time_ns: int, vehicles: int, lanes: Sequence[float]) -> bytes:
     """
     update = SceneUpdate()
     for vehicle in range(1, vehicles + 1):
-        _add_body(update.entities.add(id=frame_id(vehicle), frame_id=frame_id(vehicle), frame_locked=True), vehicle)
+        name = frame_id(vehicle)
+        slot = slot_frame_id(name)
+        _add_body(update.entities.add(id=name, frame_id=name, frame_locked=True), vehicle)
+        _add_slot(update.entities.add(id=slot, frame_id=slot, frame_locked=True), vehicle)
     if lanes:
         _add_road(update.entities.add(id="road", frame_id=MAP_FRAME, frame_locked=True), lanes)
     for entity in update.entities:
@@ -107,17 +127,32 @@ def scene(time_ns: int, vehicles: int, lanes: Sequence[float]) -> bytes:
 
 
 def _add_body(entity: SceneEntity, vehicle: int) -> None:
-    red, green, blue = (int(colour(vehicle)[i : i + 2], 16) / 255.0 for i in (1, 3, 5))
+    red, green, blue = _rgb(vehicle)
     for middle, base, (length, width, height), alpha in BODY.boxes:
         cube = entity.cubes.add()
         cube.pose.position.x, cube.pose.position.z = middle, base + height / 2.0
         cube.pose.orientation.w = 1.0
         cube.size.x, cube.size.y, cube.size.z = length, width, height
         cube.color.r, cube.color.g, cube.color.b, cube.color.a = red, green, blue, alpha
-    label = entity.texts.add(text=str(vehicle), billboard=True, font_size=24.0, scale_invariant=True)
+    label = entity.texts.add(text=frame_id(vehicle), billboard=True, font_size=24.0, scale_invariant=True)
     label.pose.position.z = 2.2
     label.pose.orientation.w = 1.0
     label.color.r = label.color.g = label.color.b = label.color.a = 1.0
+
+
+def _add_slot(entity: SceneEntity, vehicle: int) -> None:
+    line = entity.lines.add(type=LinePrimitive.LINE_LOOP, thickness=_LINE_WIDTH)
+    line.pose.orientation.w = 1.0
+    line.color.r, line.color.g, line.color.b = _rgb(vehicle)
+    line.color.a = 0.8
+    side = BODY.width / 2.0
+    for x, y in ((BODY.front, side), (-BODY.rear, side), (-BODY.rear, -side), (BODY.front, -side)):
+        line.points.add(x=x, y=y, z=0.02)
+
+
+def _rgb(vehicle: int) -> tuple[float, float, float]:
+    text = colour(vehicle)
+    return int(text[1:3], 16) / 255.0, int(text[3:5], 16) / 255.0, int(text[5:7], 16) / 255.0
 
 
 def _add_road(entity: SceneEntity, lanes: Sequence[float]) -> None:

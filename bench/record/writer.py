@@ -5,7 +5,8 @@ full or half a second old. A killed run loses at most that. With a `BusTimeline`
 then, and stand in the log in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
-`/plan/veh<i>`, `/events`. log_time and publish_time are simulated time in ns; the host's receive time is in the frame.
+`/plan/veh<i>`, `/events`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the host's receive
+time is in the frame.
 """
 
 from __future__ import annotations
@@ -30,9 +31,10 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from bench.bus.codec import Codec
 from bench.bus.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
-from bench.record import can_frame, foxglove
+from bench.record import can_frame, foxglove, process_usage
 from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile
 from bench.record.layout import Field, Layout, file_descriptor_set
+from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message
 
 CHUNK_BYTES = 64 * 1024
@@ -112,6 +114,8 @@ class RunWriter:
         self._pending_bytes = 0
         self._newest = -1
         self._poses: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
+        self._process_channels: dict[str, int] = {}
+        # Channels are numbered from 1.
         self._sequence = np.zeros(self._channels + 1, np.int64)
         self._flushed_at = time.monotonic()
         self._lanes = _lanes(attachments.get("scenario.toml", b""))
@@ -172,6 +176,19 @@ class RunWriter:
             raise ValueError(f"event level {level!r}: allowed are {', '.join(foxglove.LEVELS)}")
         self._other(self._event_channel, time_ns, foxglove.log(time_ns, level, source, text))
 
+    def process(self, name: str, time_ns: int, usage: ProcessUsage) -> None:
+        """Record what the process `name` has taken of the machine.
+
+        Raises:
+            RunFailed: the file cannot be written.
+        """
+        if name not in self._process_channels:
+            schema = self._file.add_schema(process_usage.NAME, process_usage.SCHEMA)
+            channel = self._file.add_channel(f"/processes/{name}", schema, process_usage.UNITS)
+            self._process_channels[name] = channel
+            self._sequence = np.append(self._sequence, 0)
+        self._other(self._process_channels[name], time_ns, usage.encoded())
+
     def flush(self) -> None:
         """Write all that is noted as one chunk, through to the operating system.
 
@@ -229,7 +246,7 @@ class RunWriter:
         places: dict[tuple[str, bytes], int] = {}
         self._bus_numbers: dict[str, int] = {}
         self._raw_channels: list[int] = []
-        self._plan_channels: dict[int, tuple[int, SignalMessage]] = {}
+        self._plan_channels: dict[int, tuple[str, int, SignalMessage]] = {}
         decoded: dict[int, _Decoded] = {}
         poses_schema = self._file.add_schema(*foxglove.schema(PosesInFrame))
         for number, (bus, codec) in enumerate(codecs.items()):
@@ -246,7 +263,7 @@ class RunWriter:
                 decoded[number << 32 | message.can_id] = _Decoded(channel, 9 + place, place, message.length)
                 if message.name == PLAN_MESSAGE:
                     plan = self._file.add_channel(f"/plan/{bus}", poses_schema, {"source": topic})
-                    self._plan_channels[channel] = (plan, message)
+                    self._plan_channels[channel] = (bus, plan, message)
         self._raw_channel_array = np.array(self._raw_channels, np.int64)
         self._table = SignalTable(messages)
         self._signal_places = _SignalPlaces(messages)
@@ -401,15 +418,19 @@ class RunWriter:
         signal_frame: npt.NDArray[np.int64],
         value: npt.NDArray[np.float64],
     ) -> list[tuple[int, int, bytes]]:
-        """Return a plan for each frame that carries a planner's target."""
-        plans = []
-        for decoded, (plan_channel, message) in self._plan_channels.items():
+        """Return a plan for each frame that carries a planner's target, and the transforms to these slots."""
+        plans: list[tuple[int, int, bytes]] = []
+        slots: dict[int, dict[str, tuple[float, float]]] = {}
+        for decoded, (bus, plan_channel, message) in self._plan_channels.items():
             names = message.layout.values
-            x, y = names.index("TargetX"), names.index("TargetY")
+            columns = names.index("TargetX"), names.index("TargetY")
             for frame in np.flatnonzero(channel == decoded).tolist():
                 first = int(np.searchsorted(signal_frame, frame))
                 at = int(log_time[frame])
-                plans.append((plan_channel, at, foxglove.plan(at, float(value[first + x]), float(value[first + y]))))
+                x, y = (float(value[first + column]) for column in columns)
+                plans.append((plan_channel, at, foxglove.plan(at, x, y)))
+                slots.setdefault(at, {})[bus] = x, y
+        plans += [(self._pose_channel, at, foxglove.slots(at, places)) for at, places in slots.items()]
         return plans
 
 

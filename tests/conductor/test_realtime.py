@@ -23,6 +23,7 @@ from bench.bus.topic import Topic
 from bench.conductor.cycle import frames_due
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.interrupts import Interrupts
+from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.realtime import Realtime
 from bench.conductor.recorder import Recorder
 from bench.conductor.run import run
@@ -164,7 +165,7 @@ def conduct(tmp_path: Path) -> Iterator[Conduct]:
             attachments={name: (DBC_DIR / name).read_bytes() for name in ("vehicle.dbc", "v2v.dbc")},
         )
         try:
-            conductor.run(crew, Recorder(writer, CODECS), cycles, None)
+            conductor.run(crew, Recorder(writer, CODECS, ProcessWatch(dict)), cycles, None)
         finally:
             writer.close({"status": "done"})
         return Conducted(conductor, crew, Run(tmp_path / "run.mcap"))

@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from bench.bus.codec import DecodeError
 from bench.errors import RunFailed
 from bench.record import Run
+from bench.record.process_usage import ProcessUsage
 
 from .conftest import CYCLE_NS, TRUTH_NAMES, open_writer, same_double
 
@@ -78,7 +79,7 @@ def test_truth_is_exact_and_in_order(recorded, messages):
 
 
 def test_poses_follow_the_truth(recorded, messages):
-    found = [m for topic, _, m in messages if topic == "/tf"]
+    found = [m for topic, _, m in messages if topic == "/tf" and m.transforms[0].child_frame_id == "veh1"]
     assert len(found) == len(recorded.truth[1])
     for cycle, message in enumerate(found):
         assert [t.child_frame_id for t in message.transforms] == ["veh1", "veh2"]
@@ -96,7 +97,8 @@ def test_poses_follow_the_truth(recorded, messages):
 def test_the_scene_has_a_body_for_each_vehicle_and_the_scenarios_lanes(messages):
     (scene,) = [m for topic, _, m in messages if topic == "/scene"]
     entities = {entity.id: entity for entity in scene.entities}
-    assert set(entities) == {"veh1", "veh2", "road"}
+    assert set(entities) == {"veh1", "veh1/slot", "veh2", "veh2/slot", "road"}
+    assert entities["veh1"].texts[0].text == "veh1"
     assert entities["veh2"].frame_id == "veh2"
     assert entities["veh2"].frame_locked
     levels = sorted({point.y for line in entities["road"].lines for point in line.points})
@@ -111,6 +113,27 @@ def test_a_plan_is_where_the_planner_is_heading(recorded, messages, codecs):
     ]
     plans = [m.poses[0].position for topic, _, m in messages if topic == "/plan/veh2"]
     assert [(p.x, p.y) for p in plans] == [(v["TargetX"], v["TargetY"]) for v in wanted]
+    transforms = [t for topic, _, m in messages if topic == "/tf" for t in m.transforms]
+    slots = [t.translation for t in transforms if t.child_frame_id == "veh2/slot"]
+    assert [(s.x, s.y) for s in slots] == [(p.x, p.y) for p in plans]
+
+
+def test_processes_have_a_topic_each_from_their_first_sample_on(codecs, tmp_path):
+    usages = [ProcessUsage(0.5 * n, 0.25, 1000 + n, n) for n in range(4)]
+    with open_writer(tmp_path / "run.mcap", codecs) as writer:
+        for n, usage in enumerate(usages):
+            writer.process("veh1.planner", n * CYCLE_NS, usage)
+            if n > 1:
+                writer.process("plant", n * CYCLE_NS, usage)
+            writer.flush()
+    found = [(topic, r.sequence, m) for topic, r, m in decoded_messages(tmp_path / "run.mcap")]
+    planner = [
+        (sequence, ProcessUsage(m.cpu_time, m.cpu_share, m.memory, m.preemptions))
+        for topic, sequence, m in found
+        if topic == "/processes/veh1.planner"
+    ]
+    assert planner == list(enumerate(usages))
+    assert [sequence for topic, sequence, _ in found if topic == "/processes/plant"] == [0, 1]
 
 
 def test_events_metadata_and_attachments(recorded, messages):

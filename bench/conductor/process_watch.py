@@ -1,0 +1,50 @@
+"""Samples what the processes of a run take of the machine."""
+
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+
+import psutil
+
+from bench.record.process_usage import ProcessUsage
+
+PERIOD_S = 1.0
+"""Wall-clock time in s between two samples; one costs some 0.1 ms a process."""
+
+CONDUCTOR = "conductor"
+
+
+class ProcessWatch:
+    """Watches the conductor and the processes it has started, also those that come later or anew."""
+
+    def __init__(self, pids: Callable[[], Mapping[str, int]]) -> None:
+        """Watch the processes that `pids` gives by name, and this one."""
+        self._pids = pids
+        self._due = 0.0
+        self._processes: dict[int, psutil.Process] = {}
+        self._before: dict[int, tuple[float, float]] = {}
+
+    def samples(self) -> Iterator[tuple[str, ProcessUsage]]:
+        """Give the name and usage of each process, where `PERIOD_S` has passed since the last time; else nothing."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = now + PERIOD_S
+        for name, pid in {CONDUCTOR: os.getpid(), **self._pids()}.items():
+            try:
+                yield name, self._sample(pid, now)
+            except psutil.Error:
+                # It has just ended; whoever that concerns finds out by itself.
+                self._processes.pop(pid, None)
+
+    def _sample(self, pid: int, now: float) -> ProcessUsage:
+        if pid not in self._processes:
+            self._processes[pid] = psutil.Process(pid)
+        process = self._processes[pid]
+        with process.oneshot():
+            times = process.cpu_times()
+            cpu = times.user + times.system
+            at, before = self._before.get(pid, (now, cpu))
+            self._before[pid] = now, cpu
+            share = (cpu - before) / (now - at) if now > at else 0.0
+            return ProcessUsage(cpu, share, process.memory_info().rss, process.num_ctx_switches().involuntary)
