@@ -147,20 +147,30 @@ def _first_difference(
     if rows[0] is None and rows[1] is None:
         return None
     time_ns = min(int(row["time"]) for row in rows if row is not None)
-    texts = [None if row is None else _describe(run, bus, row) for run, row in zip(runs, rows, strict=True)]
+    texts = [
+        None if row is None else _describe(run, bus, row, int((table["can_id"][:at] == row["can_id"]).sum()))
+        for run, row, table in zip(runs, rows, (left, right), strict=True)
+    ]
     return FirstDifference(time_ns / 1e9, bus, texts[0], texts[1])
 
 
-def _describe(run: Run, bus: str, row: Any) -> str:
-    """Return a frame as text: time, identifier, bytes and, where the log has them decoded, its signals."""
+def _describe(run: Run, bus: str, row: Any, before: int) -> str:
+    """Return a frame as text: time, identifier, bytes and, where the log has them decoded, its signals.
+
+    Args:
+        run: the log.
+        bus: the frame's bus.
+        row: the frame, of `Run.frame_table`.
+        before: how many frames of its identifier were on that bus before it; in one cycle there may be several.
+    """
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
     text = f"{int(row['time']) / 1e9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
     for message in run.messages(bus):
         if run.can_id(bus, message) == can_id:
             columns = run.message(bus, message)
-            at = int(np.searchsorted(columns["t"], int(row["time"]) / 1e9 - 1e-9))
-            if at < len(columns["t"]):
-                values = (f"{name} {columns[name][at]:.9g}" for name in columns if name != "t")
+            # Where a frame had a wrong length it was not decoded, and its rank in the log tells nothing.
+            if before < len(columns["t"]) and abs(columns["t"][before] - row["time"] / 1e9) < 1e-9:
+                values = (f"{name} {columns[name][before]:.9g}" for name in columns if name != "t")
                 return f"{text} {message}: {', '.join(values)}"
     return text
 

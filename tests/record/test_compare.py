@@ -5,6 +5,8 @@ import pytest
 from bench.errors import BadInput
 from bench.record import RunWriter, diff
 
+from .conftest import open_writer
+
 
 def flip_bit(frame, number=0):
     time_ns, bus, can_id, data, receive_ns = frame
@@ -95,6 +97,19 @@ def test_the_order_of_frames_counts(make_log):
     b = make_log("b.mcap", change=swap)
     assert not diff(a.path, b.path).same
     assert len(swapped) == 1
+
+
+def test_of_several_frames_of_a_message_in_one_cycle_the_one_that_differs_is_shown(codecs, tmp_path):
+    paths = []
+    for name, second in (("a", 0x200), ("b", 0x201)):
+        paths.append(tmp_path / f"{name}.mcap")
+        with open_writer(paths[-1], codecs) as writer:
+            for identifier in (0x100, second):
+                frame = codecs["veh1"].encode("BenchAbsent", {"Identifier": identifier, "Cycle": 5})
+                writer.frame("veh1", 50_000_000, *frame, 0)
+    first = diff(*paths).first
+    assert "Identifier 512" in first.a
+    assert "Identifier 513" in first.b
 
 
 def test_nothing_to_compare_is_no_success(codecs, tmp_path, make_log):
