@@ -151,8 +151,12 @@ class PlannerEcu:
 
     def _take_slot(self, cycle: int, time_s: float, own: Motion) -> None:
         """Join the platoon under way; else assign slots by the first broadcasts; else, after a while, by the grid."""
-        reports = {n: peer.report for n, peer in self._peers.items() if peer.report is not None and peer.report.slot}
-        waited = cycle - (self._first_cycle or 0) >= WAIT_CYCLES
+        first = self._first_cycle or 0
+        waited = cycle - first >= WAIT_CYCLES
+        # A planner that was there from the start takes nobody's word: who else is still without a slot, as frames are
+        # lost, would take the same free one. Broadcasts and grid give all of them the same order.
+        under_way = first >= WAIT_CYCLES
+        reports = {n: p.report for n, p in self._peers.items() if under_way and p.report is not None and p.report.slot}
         if reports and (len(reports) == len(self._peers) or waited):
             taken = {number: report.slot for number, report in reports.items()}
             free = set(range(1, len(self._grid) + 1)) - set(taken.values())

@@ -117,6 +117,14 @@ def test_who_is_not_heard_from_the_start_has_its_place_by_the_start_grid() -> No
     assert bench.sent["V2VStatus_3"]["Slot"] == 3
 
 
+@pytest.mark.parametrize(("vehicle", "silent"), [(1, 2), (1, 3), (2, 1), (2, 3), (3, 1), (3, 2)])
+def test_whoever_was_there_from_the_start_takes_no_slot_that_another_may_take(vehicle: int, silent: int) -> None:
+    bench = Bench(vehicle)
+    bench.silent = {silent}
+    bench.step(11)
+    assert bench.sent[f"V2VStatus_{vehicle}"]["Slot"] == vehicle
+
+
 def test_a_lost_vehicle_ahead_opens_the_gap_down_to_a_crawl_and_back() -> None:
     bench = formed(2)
     bench.silent = {1}

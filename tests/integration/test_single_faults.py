@@ -14,6 +14,7 @@ SAMPLE = [
     Case("plant off the bus", 2, 0.4),
     Case("radio of all out", 1, 1.0),
     Case("half of all lost, vehicle", 3, 0.4),
+    Case("half of all lost, v2v", 1, 0.0),
     Case("broadcast position stuck", 1, 1.0),
     Case("yaw rate off by 0.2 rad/s", 2, 0.4),
     Case("Y off by 2 m", 2, 0.0),
