@@ -43,18 +43,24 @@ class Following:
         if self._tracker_lost:
             self.cause = Cause.TRACKER_LOST
         else:
-            self.cause = Cause.NONE if self._good >= RECOVERY_CYCLES else Cause.VEHICLE_FAULT
+            self.cause = Cause.VEHICLE_FAULT if self._faulty else Cause.NONE
 
     def ask(self, v_x: float, yaw_rate: float) -> None:
         """Note what the next cycle's motion is to be (m/s, rad/s)."""
         self._asked = (v_x, yaw_rate)
+
+    @property
+    def _faulty(self) -> bool:
+        return self._good < RECOVERY_CYCLES
 
     def _look(self, status: Signals) -> None:
         state = ActuatorState(int(status["ActuatorState"]))
         self._waiting = self._waiting + 1 if state is ActuatorState.INIT else 0
         held = state is ActuatorState.HOLD and status["HeldCycles"] >= HELD_CYCLES
         silent = state is ActuatorState.SAFE or held or self._waiting > HELD_CYCLES
-        self._tracker_lost = silent or status["CommandState"] == CommandState.SAFE
+        # Of a vehicle that does not follow, the planner gives no reference: its tracker is safe because of that.
+        gave_up = status["CommandState"] == CommandState.SAFE and not self._faulty
+        self._tracker_lost = silent or gave_up
 
     def _compare(self, v_x: float, yaw_rate: float) -> None:
         if self._asked is None or self._tracker_lost:

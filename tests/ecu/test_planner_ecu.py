@@ -203,6 +203,17 @@ def test_a_vehicle_that_does_not_follow_says_so_and_gives_no_reference() -> None
     assert bench.sent["Reference"]["ReferenceState"] == ReferenceState.NONE
 
 
+def test_a_tracker_that_is_safe_for_want_of_a_reference_is_no_tracker_lost() -> None:
+    bench = formed(2)
+    bench.follows, bench.yaw_rate = False, 0.3
+    bench.step(7)
+    bench.actuators = {"CommandState": 3}
+    for _ in range(30):
+        bench.step()
+        assert bench.state == (EcuState.SAFE, Cause.VEHICLE_FAULT, Manoeuvre.SLOW_DOWN)
+        assert bench.sent["Reference"]["ReferenceState"] == ReferenceState.NONE
+
+
 def test_a_sensor_less_is_degraded_and_goes_on() -> None:
     bench = formed(2)
     bench.sensors_gone = {"VehicleMotion"}
