@@ -1,4 +1,4 @@
-"""The commands `platoon log ...`: logs exchanged with other tools.
+"""The commands `platoon log ...`: what is in a log, and logs exchanged with other tools.
 
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
@@ -17,7 +17,7 @@ from bench.errors import BadInput
 if TYPE_CHECKING:
     from bench.record.exchange import Format
 
-log_app = typer.Typer(help="Logs exchanged with other tools.", no_args_is_help=True)
+log_app = typer.Typer(help="What is in a log; logs exchanged with other tools.", no_args_is_help=True)
 
 
 class FormatName(StrEnum):
@@ -29,29 +29,117 @@ class FormatName(StrEnum):
     MF4 = "mf4"
 
 
+class ExportName(StrEnum):
+    """A format to export to: frames as other tools' logs have them, or signals as a table."""
+
+    CANDUMP = "candump"
+    ASC = "asc"
+    BLF = "blf"
+    MF4 = "mf4"
+    CSV = "csv"
+    PARQUET = "parquet"
+
+
+@log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
+def info(
+    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log, which may still be written.")],
+    as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+) -> None:
+    """Show what a log is: times, result, buses with frames and rates, attachments, damage."""
+    from dataclasses import asdict
+
+    from bench.record.overview import overview
+    from bench.record.reader import Run
+
+    found = overview(Run(_readable(log)))
+    if as_json:
+        typer.echo(json.dumps(asdict(found), indent=1, ensure_ascii=False))
+        return
+    is_empty = found.start_s is None or found.end_s is None
+    rows = [
+        ("log", f"{found.path}, {found.bytes / 1e6:.3g} MB"),
+        ("time", "no message" if is_empty else f"{found.start_s:.9g} s to {found.end_s:.9g} s"),
+        *found.metadata.items(),
+        *((f"bus {bus.name}", _rate(bus.messages, "frames", bus.per_s)) for bus in found.buses),
+        ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
+        ("events", ", ".join(f"{count} {level}" for level, count in found.events.items()) or "none"),
+        ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in found.attachments.items()) or "none"),
+        ("damage", found.damage or "none found"),
+    ]
+    width = max(len(title) for title, _ in rows)
+    for title, text in rows:
+        # What is of several lines, as a command line may be, stays in its column.
+        typer.echo(f"{title:{width}}  " + text.replace("\n", "\n" + " " * (width + 2)))
+
+
+@log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
+def signals(
+    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log, which may still be written.")],
+    pattern: Annotated[
+        str, typer.Argument(metavar="[PATTERN]", help="Which: '*.VehicleMotion.*', 'truth.veh1.*'; all if not given.")
+    ] = "*",
+    ranges: Annotated[bool, typer.Option("--ranges", help="Least and largest value, for which all are read.")] = False,
+) -> None:
+    """List signals and true values: name, unit, how many values, from when to when."""
+    from bench.record.reader import Run
+
+    found = Run(_readable(log)).signal_frame(pattern, ranges=ranges).drop("comment")
+    # Numbers to the right of their columns, text to the left.
+    texts = [[name, *map(_cell, found[name])] for name in found.columns]
+    signs = ["<" if name in ("name", "unit") else ">" for name in found.columns]
+    widths = [max(map(len, column)) for column in texts]
+    for row in zip(*texts, strict=True):
+        cells = (f"{text:{sign}{width}}" for text, sign, width in zip(row, signs, widths, strict=True))
+        typer.echo("  ".join(cells).rstrip())
+
+
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def export(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")],
     kind: Annotated[
-        FormatName | None, typer.Option("--format", help="The format; as the name after -o says, if not given.")
+        ExportName | None, typer.Option("--format", help="The format; as the name after -o says, if not given.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
-    bus: Annotated[list[str] | None, typer.Option(metavar="BUS", help="Only this bus: veh1; may be repeated.")] = None,
+    bus: Annotated[
+        list[str] | None, typer.Option(metavar="BUS", help="Frames: only this bus: veh1; may be repeated.")
+    ] = None,
+    signal: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Tables: which signals: 'truth.*.v_x'; may be repeated; else all."),
+    ] = None,
+    start_s: Annotated[float | None, typer.Option("--from", metavar="SECONDS", help="Tables: from then on.")] = None,
+    end_s: Annotated[float | None, typer.Option("--to", metavar="SECONDS", help="Tables: until before then.")] = None,
+    every_s: Annotated[
+        float | None,
+        typer.Option("--every", metavar="SECONDS", help="Tables: a row this often; else whenever one comes."),
+    ] = None,
+    labels: Annotated[bool, typer.Option("--labels", help="Tables: states by name instead of number.")] = False,
 ) -> None:
-    """Write a log's frames as candump (.log), Vector ASC or BLF, or ASAM MDF 4 (.mf4), for other tools.
+    """Write a log's frames for other tools, or its signals as a table.
 
-    Identifiers, data, order and times (simulated, from 0) come back exactly with `platoon log import`.
+    Frames go to candump (.log), Vector ASC or BLF, or ASAM MDF 4 (.mf4). Identifiers, data, order and times (simulated,
+    from 0) come back exactly with `platoon log import`.
+
+    Signals go to CSV or Parquet: a row for each time, a column for each signal, with the last value it had until then.
     """
-    from bench.record.exchange import export_log
+    chosen = kind or _export_format(out)
+    for_tables = {"--signal": signal, "--from": start_s, "--to": end_s, "--every": every_s, "--labels": labels or None}
+    is_table = chosen in (ExportName.CSV, ExportName.PARQUET)
+    for option, value in {"--bus": bus}.items() if is_table else for_tables.items():
+        if value is not None:
+            raise BadInput(f"{option} is for {'frames' if is_table else 'tables: csv, parquet'}, not for {chosen}")
+    if not is_table:
+        _export_frames(log, FormatName(chosen.value), out, bus or [])
+        return
+    from bench.record.exchange.tables import TableFormat, export_table
 
-    if kind is None and out is None:
-        raise BadInput(f"give --format ({', '.join(FormatName)}) or -o FILE")
-    chosen = _format(kind, out)
-    target = out or log.with_suffix(chosen.suffix)
-    done = export_log(_readable(log), target, chosen, bus or ())
-    channels = ", ".join(f"{number} = {name}" for name, number in done.channels.items() if number != name)
-    typer.echo(f"{target}: {done.frames} frames{f', channels {channels}' if channels else ''}")
-    _show(done.notes)
+    table = TableFormat(chosen.value)
+    target = out or log.with_suffix(table.suffix)
+    patterns = signal or ["*"]
+    done = export_table(
+        _readable(log), target, table, patterns, start_s=start_s, end_s=end_s, every_s=every_s, labels=labels
+    )
+    typer.echo(f"{target}: {done.rows} rows of {done.columns} signals")
 
 
 @log_app.command(name="import", epilog="Exit codes: 0 done, 2 bad input.")
@@ -88,6 +176,25 @@ def import_(
     _show(done.notes)
 
 
+@log_app.command(epilog="Exit codes: 0 nothing was lost, 3 something was, 2 bad input.")
+def recover(
+    log: Annotated[Path, typer.Argument(metavar="BROKEN.mcap", help="The log of a run that was cut off or damaged.")],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="CLEAN.mcap", help="The new log; BROKEN-recovered.mcap if not given."),
+    ] = None,
+) -> None:
+    """Make a clean log of all that is whole in a broken one, and say what was lost."""
+    from bench.record.recover import recover as recovered
+
+    target = out or log.with_name(f"{log.stem}-recovered.mcap")
+    done = recovered(_readable(log), target)
+    typer.echo(f"{target}: {done.summary}")
+    for what in done.lost:
+        typer.echo(f"lost: {what}")
+    raise typer.Exit(3 if done.lost else 0)
+
+
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def layout(
     log: Annotated[
@@ -103,6 +210,35 @@ def layout(
 
     vehicles = 3 if log is None else Run(_readable(log)).vehicles
     typer.echo(json.dumps(made_for(vehicles), indent=1))
+
+
+def _export_format(out: Path | None) -> ExportName:
+    if out is None:
+        raise BadInput(f"give --format ({', '.join(ExportName)}) or -o FILE")
+    if out.suffix.lower() in (".csv", ".parquet"):
+        return ExportName(out.suffix.lower()[1:])
+    return ExportName(_format(None, out).value)
+
+
+def _export_frames(log: Path, kind: FormatName, out: Path | None, buses: list[str]) -> None:
+    from bench.record.exchange import export_log
+
+    chosen = _format(kind, out)
+    target = out or log.with_suffix(chosen.suffix)
+    done = export_log(_readable(log), target, chosen, buses)
+    channels = ", ".join(f"{number} = {name}" for name, number in done.channels.items() if number != name)
+    typer.echo(f"{target}: {done.frames} frames{f', channels {channels}' if channels else ''}")
+    _show(done.notes)
+
+
+def _rate(count: int, what: str, per_s: float | None) -> str:
+    return f"{count} {what}" + (f", {per_s:.6g} a second" if per_s else "")
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def _format(kind: FormatName | None, out: Path | None) -> "Format":

@@ -369,7 +369,7 @@ def _layout(message: Message) -> _Layout:
     )
 
 
-_E2E_SIGNALS = {"CRC": (0, 8), "AliveCounter": (8, 4)}
+_E2E_SIGNALS = {e2e.CRC_SIGNAL: (0, 8), e2e.COUNTER_SIGNAL: (8, 4)}
 """First bit and number of bits, as E2E Profile 1 has them."""
 
 

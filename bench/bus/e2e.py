@@ -8,6 +8,9 @@ nibble of byte 1 the counter 0..14. The CRC is the CRC-8 of SAE J1850 (polynomia
 from collections.abc import Sequence
 from enum import Enum
 
+CRC_SIGNAL, COUNTER_SIGNAL = "CRC", "AliveCounter"
+"""What the DBC calls the two signals of a protected message."""
+
 COUNTER_MODULUS = 15
 """The counter runs 0..14; 15 is never sent."""
 

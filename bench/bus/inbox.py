@@ -10,7 +10,7 @@ dead or stopped for that cycle, and leaves it out. On the wall clock nobody is w
 
 import math
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from bench.bus.base import Link
@@ -104,8 +104,8 @@ class Inbox:
         cycle: the cycle whose inputs are being collected, the next to be stepped.
         opened: the newest cycle a BenchSync has come for; -1 before the first.
         stopped: whether a BenchSync has told this node to stop.
-        opened_at: time.monotonic() when that BenchSync came, as far as this node can tell: the wall clock's cycles are
-            all equally long, and it may have been busy when this one came, but not always.
+        opened_at: the clock's time (s) when that BenchSync came, as far as this node can tell: the wall clock's cycles
+            are all equally long, and it may have been busy when this one came, but not always.
         realtime: whether the wall clock paces the cycles.
         late: cycles left out in real time, as a newer one had begun before they were stepped.
     """
@@ -119,6 +119,7 @@ class Inbox:
         name: str = "",
         own: Collection[Topic] = (),
         plan: FaultPlan | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Listen on `links` (by bus name) for `topics` and for each bus's BenchSync.
 
@@ -129,6 +130,7 @@ class Inbox:
             name: of the node, as faults call it: veh1.tracker.
             own: what the node itself sends.
             plan: the faults of the run.
+            clock: tells when a BenchSync came (s).
 
         Raises:
             BadInput: a topic's bus or message does not exist, or the message carries no alive counter.
@@ -140,6 +142,7 @@ class Inbox:
         self._zero_at = math.inf
         self.realtime = False
         self.late = 0
+        self._clock = clock
         self._name = name
         self._plan = plan or FaultPlan()
         self._arrived: dict[int, int] = {}
@@ -316,7 +319,7 @@ class Inbox:
         first = self.opened < 0
         if cycle > self.opened:
             self.opened = cycle
-            self._zero_at = min(self._zero_at, time.monotonic() - cycle * CYCLE_MS / 1000)
+            self._zero_at = min(self._zero_at, self._clock() - cycle * CYCLE_MS / 1000)
             self.opened_at = self._zero_at + cycle * CYCLE_MS / 1000
         if not first:
             return

@@ -88,7 +88,7 @@ def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDAr
 
 
 def read(
-    data: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], length: npt.NDArray[np.uint64], table: npt.NDArray[Any]
+    data: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], length: npt.NDArray[np.int64], table: npt.NDArray[Any]
 ) -> bool:
     """Read encoded frames of `length` (n,) bytes at `at` (n,) into columns of `table`, those that `fill` takes.
 
@@ -103,13 +103,13 @@ def read(
 def _read(
     data: npt.NDArray[np.uint8],
     at: npt.NDArray[np.int64],
-    length: npt.NDArray[np.uint64],
+    length: npt.NDArray[np.int64],
     table: npt.NDArray[Any],
     head: Layout,
     data_tag: bytes,
 ) -> bool:
     data_at = head.dtype.itemsize + len(data_tag) + 1
-    size = length.astype(np.int64) - data_at
+    size = length - data_at
     if (size < 0).any() or (size > MAX_DATA).any():
         return False
     heads = data[at[:, None] + np.arange(data_at)]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bench.bus.e2e import CRC_SIGNAL
 from bench.errors import BadInput
 from bench.record.reader import Columns, Run
 
@@ -196,6 +197,9 @@ def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[
                     unit=runs[0].unit(f"/signals/{bus}/{message}", name),
                 )
             )
+    if len(found) > 1:
+        # The CRC follows from the rest; only where that is the same does it tell something.
+        found = [signal for signal in found if signal.signal != CRC_SIGNAL]
     lengths = len(tables[0]["t"]), len(tables[1]["t"])
     notes = [f"{message} on {bus}: {lengths[0]} frames in A, {lengths[1]} in B"] if lengths[0] != lengths[1] else []
     return found, notes

@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -79,20 +80,20 @@ class McapFile:
         self._write(MAGIC)
         self._record(Header(profile="", library=library))
 
-    def add_schema(self, name: str, data: bytes) -> int:
-        """Return the id of the protobuf schema `name`, made on first use."""
+    def add_schema(self, name: str, data: bytes, encoding: str = "protobuf") -> int:
+        """Return the id of the schema `name`, made on first use."""
         if (name, data) not in self._schema_ids:
-            self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding="protobuf", data=data))
+            self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
             self._schema_ids[name, data] = self._schemas[-1].id
         return self._schema_ids[name, data]
 
-    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str]) -> int:
-        """Return the id of a new channel; it enters the file with its first message."""
+    def add_channel(self, topic: str, schema_id: int, metadata: Mapping[str, str], encoding: str = "protobuf") -> int:
+        """Return the id of a new channel, which enters the file with its first message; 0 is no schema."""
         self._channels.append(
             Channel(
                 id=len(self._channels) + 1,
                 topic=topic,
-                message_encoding="protobuf",
+                message_encoding=encoding,
                 metadata=dict(metadata),
                 schema_id=schema_id,
             )
@@ -185,10 +186,10 @@ class McapFile:
             metadata_count=len(self._metadata),
             message_start_time=self._span[0] if self._span else 0,
             message_end_time=self._span[1] if self._span else 0,
-            schema_count=len({self._channels[number - 1].schema_id for number in self._declared}),
+            schema_count=len({self._channels[number - 1].schema_id for number in self._declared} - {0}),
         )
         channels = [self._channels[number - 1] for number in sorted(self._declared)]
-        schemas = [self._schemas[number - 1] for number in sorted({c.schema_id for c in channels})]
+        schemas = [self._schemas[number - 1] for number in sorted({c.schema_id for c in channels} - {0})]
         summary, offsets = bytearray(), RecordBuilder()
         groups = (
             (Opcode.SCHEMA, _encoded(schemas)),
@@ -221,7 +222,8 @@ class McapFile:
         """Write the channels, and their schemas, that no record has named yet."""
         for number in (n for n in channels.tolist() if n not in self._declared):
             channel = self._channels[number - 1]
-            if all(self._channels[other - 1].schema_id != channel.schema_id for other in self._declared):
+            declared = (self._channels[other - 1].schema_id for other in self._declared)
+            if channel.schema_id and channel.schema_id not in declared:
                 self._record(self._schemas[channel.schema_id - 1])
             self._record(channel)
             self._declared.add(number)
@@ -233,6 +235,12 @@ class McapFile:
         self._stream.write(data)
         self._stream.flush()
         self._position += len(data)
+
+
+def media_type(name: str) -> str:
+    """Return the media type of an attachment of this file name."""
+    kinds = {".toml": "application/toml", ".xml": "application/xml", ".json": "application/json"}
+    return kinds.get(Path(name).suffix, "text/plain")
 
 
 def _encoded(records: Sequence[McapRecord]) -> bytes:

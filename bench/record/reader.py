@@ -1,72 +1,47 @@
-"""A recorded run, read back: signals, truth and frames as numpy arrays.
+"""A recorded run, read back: signals, truth and frames as numpy arrays, or joined as a data frame.
 
-A log that was cut off (a killed run) is read up to its last whole chunk, after one warning.
+Nothing but what is asked for is read, and only that of a short log is kept. A log that was cut off (a killed run) is
+read up to its last whole chunk, after one warning.
+
+    run = Run("logs/formation.mcap")
+    t, rate = run.signal("veh1.VehicleMotion.YawRate")
+    frame = run.frame(["truth.*.v_x", "veh1.TrackerTarget.VelocityX"], start_s=2.0, every_s=0.01)
 """
 
 from __future__ import annotations
 
+import itertools
 import json
 import tomllib
-import warnings
-from collections.abc import Iterator, Mapping
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from google.protobuf.message import DecodeError, Message
-from mcap.records import Channel, Schema
 
 from bench.errors import BadInput
-from bench.record import can_frame, foxglove
-from bench.record.can_frame import Frame
-from bench.record.container import MESSAGE, MESSAGE_FIELDS
-from bench.record.file_scan import ScannedFile, message_heads
-from bench.record.layout import Layout, message_class
+from bench.record import foxglove
+from bench.record.can_frame import MAX_DATA, Frame
+from bench.record.catalogue import Catalogue
+from bench.record.columns import Columns
+from bench.record.frame_table import FRAME_TABLE, frames_of
+from bench.record.time_span import ALL, NS, Span
+from bench.record.topic_decoder import TopicDecoder
+from bench.record.topic_reader import LogDamaged, TopicReader
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from bench.scenario import Scenario
 
-CACHED_BYTES = 64 * 1024 * 1024
-"""Unpacked chunks kept in memory at most; a run of 10 s is about 15 MB."""
+__all__ = ["FRAME_TABLE", "Columns", "Event", "LogDamaged", "Run"]
 
-FRAME_TABLE = np.dtype(
-    [
-        ("time", "<i8"),
-        ("receive", "<i8"),
-        ("wire", "<i8"),
-        ("response", "<i8"),
-        ("can_id", "<u4"),
-        ("length", "u1"),
-        ("data", "u1", (can_frame.MAX_DATA,)),
-    ]
-)
-"""One frame of `Run.frame_table`: times in ns as in `can_frame.Frame`, data padded with zeros."""
-
-
-class Columns(dict[str, npt.NDArray[Any]]):
-    """The values of a topic by name, each (n,), and `t`, the time in s.
-
-    Asking for a value that the topic does not have raises BadInput, as the log is not what it should be.
-    """
-
-    def __init__(self, where: str, values: Mapping[str, npt.NDArray[Any]]) -> None:
-        super().__init__(values)
-        self._where = where
-
-    def select(self, rows: npt.NDArray[Any]) -> Columns:
-        """Return these rows of all values."""
-        return Columns(self._where, {name: values[rows] for name, values in self.items()})
-
-    def __missing__(self, name: str) -> npt.NDArray[Any]:
-        """Refuse a value the topic does not have."""
-        raise BadInput(f"{self._where} has no {name!r}; it has {', '.join(key for key in self if key != 't')}")
-
-
-class LogDamaged(UserWarning):
-    """A log is cut off or damaged; what could be read was."""
+KEPT_BYTES = 32 * 1024 * 1024
+"""Decoded topics that are kept in memory, at most, beside the one that was asked for last."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +59,7 @@ class Run:
 
     Attributes:
         path: the file.
-        damage: what is wrong with the file, empty for a whole one.
+        log: its topics, for what this class has no name for.
         attachments: file name -> content.
         result: what the run ended with; empty where it was cut off.
         metadata: all metadata of the run and its result, flat.
@@ -98,19 +73,18 @@ class Run:
             BadInput: the file cannot be read or is not a log.
         """
         self.path = Path(path)
-        self._file = ScannedFile(self.path)
-        contents = self._file.contents
-        self.damage = contents.damage
-        self._warned = False
+        self.log = TopicReader(self.path)
+        contents = self.log.contents
         self.attachments = contents.attachments
         self.result = contents.metadata.get("result", {})
         self.metadata = {**contents.metadata.get("run", {}), **self.result}
-        self.topics: dict[str, Channel] = {channel.topic: channel for channel in contents.channels.values()}
-        if self.damage:
-            self._warn(self.damage)
-        kept = max(1, CACHED_BYTES // max((place.size for place in contents.chunks), default=CACHED_BYTES))
-        self._chunk = lru_cache(kept)(self._read_chunk)
-        self._columns: dict[str, Columns] = {}
+        self.topics = self.log.topics
+        self._kept: OrderedDict[str, Columns] = OrderedDict()
+
+    @property
+    def damage(self) -> str:
+        """What is wrong with the file, so far as it has been read; empty for a whole one."""
+        return self.log.damage
 
     @property
     def vehicles(self) -> int:
@@ -130,10 +104,18 @@ class Run:
     def events(self) -> list[Event]:
         """What happened, in order."""
         names = {number: name for name, number in foxglove.LEVELS.items()}
-        return [
-            Event(time_ns / 1e9, names.get(log.level, "info"), log.name, log.message)
-            for time_ns, log in self._parsed("/events")
-        ]
+        if "/events" not in self.topics:
+            return []
+        decoder = self.log.decoder("/events")
+        found = []
+        for _, part in itertools.chain.from_iterable(self.log.parts(["/events"])):
+            for time_ns, payload in zip(part.time_ns.tolist(), part.payloads(), strict=True):
+                log = decoder.message(payload)
+                try:
+                    found.append(Event(time_ns / NS, names.get(log.level, "info"), log.name, log.message))
+                except AttributeError as error:
+                    raise BadInput(f"{self.path}: topic /events has messages that are not foxglove.Log") from error
+        return found
 
     @cached_property
     def scenario_text(self) -> str:
@@ -178,7 +160,7 @@ class Run:
             BadInput: no such message was recorded.
         """
         try:
-            return int(self._channel(f"/signals/{bus}/{message}").metadata["can_id"], 16)
+            return int(self.log.channel(f"/signals/{bus}/{message}").metadata["can_id"], 16)
         except (KeyError, ValueError):
             return -1
 
@@ -186,34 +168,154 @@ class Run:
         """Return whether `message` was recorded on `bus`."""
         return f"/signals/{bus}/{message}" in self.topics
 
-    def message(self, bus: str, message: str) -> Columns:
+    def message(self, bus: str, message: str, *, start_s: float | None = None, end_s: float | None = None) -> Columns:
         """Return all signals of a message, by name, and `t`, the time in s; each (n,).
+
+        Args:
+            bus: the bus.
+            message: the message.
+            start_s: only what is of this time or later.
+            end_s: only what is of an earlier time.
 
         Raises:
             BadInput: no such message was recorded.
         """
-        return self._table(f"/signals/{bus}/{message}")
+        return self._table(f"/signals/{bus}/{message}", Span.of(start_s, end_s))
 
-    def signal(self, bus: str, message: str, signal: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return the times (n,) in s and the physical values (n,) of a signal.
+    def signal(
+        self,
+        bus: str,
+        message: str = "",
+        signal: str = "",
+        *,
+        start_s: float | None = None,
+        end_s: float | None = None,
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return the times (n,) in s and the physical values (n,) of a signal: its number, where it has a value table.
+
+        Args:
+            bus: the bus, or, alone, the whole name as `names` gives it: veh1.VehicleMotion.YawRate, truth.veh1.v_x.
+            message: the message.
+            signal: the signal.
+            start_s: only what is of this time or later.
+            end_s: only what is of an earlier time.
 
         Raises:
             BadInput: no such signal was recorded.
         """
-        columns = self.message(bus, message)
-        return columns["t"], columns[signal].astype(np.float64)
+        if message:
+            topic, field = f"/signals/{bus}/{message}", signal
+        else:
+            topic, field = self.catalogue.place(bus)
+        columns = self._table(topic, Span.of(start_s, end_s))
+        return columns["t"], columns[field].astype(np.float64)
 
-    def truth(self, vehicle: int) -> Columns:
+    def truth(self, vehicle: int, *, start_s: float | None = None, end_s: float | None = None) -> Columns:
         """Return a vehicle's true values by their FMU name, and `t`, the time in s; each (n,).
 
         Raises:
             BadInput: none was recorded.
         """
-        return self._table(f"/truth/veh{vehicle}")
+        return self._table(f"/truth/veh{vehicle}", Span.of(start_s, end_s))
 
-    def unit(self, topic: str, name: str) -> str:
-        """Return the unit of a value in the topic, empty for none."""
-        return str(self._channel(topic).metadata.get(f"unit {name}", ""))
+    @cached_property
+    def catalogue(self) -> Catalogue:
+        """The names of all signals and true values."""
+        order = [f"/signals/{bus}/{message}" for bus in self.buses for message in self.messages(bus)]
+        others = sorted(topic for topic in self.topics if topic not in order)
+        decoders = (self._decoder_of_table(topic) for topic in [*order, *others])
+        return Catalogue(self.path, [decoder for decoder in decoders if decoder])
+
+    def names(self, pattern: str = "*") -> list[str]:
+        """Return the names of all signals and true values that match: `*.VehicleMotion.*`, `truth.veh1.v_?`.
+
+        Upper and lower case count; `*` stands for any text, also over dots, `?` for one character.
+        """
+        return self.catalogue.matching(pattern)
+
+    def frame(
+        self,
+        names: str | Sequence[str],
+        *,
+        start_s: float | None = None,
+        end_s: float | None = None,
+        every_s: float | None = None,
+        labels: bool = False,
+    ) -> pl.DataFrame:
+        """Return signals joined on one time base: the column `t` in s, and a column for each signal.
+
+        At each time a signal has the last value that it had until then, also from before `start_s`; null where it had
+        none. Of several at one time it is the last in the file.
+
+        Args:
+            names: names or patterns, as of `names`.
+            start_s: only what is of this time or later.
+            end_s: only what is of an earlier time.
+            every_s: at start_s (else where the first of the signals begins) and in steps of this; if not given, at
+                every time that any of the signals has.
+            labels: signals with a value table as its names, of polars' type Enum, instead of numbers.
+
+        Raises:
+            BadInput: there is no such signal, or a time is no good.
+        """
+        # polars takes a while to import.
+        from bench.record.joining import joined
+
+        chosen = self.catalogue.chosen(names)
+        return joined(self.log, chosen, Span.of(start_s, end_s), every_s, labels=labels)
+
+    def message_frame(
+        self, message: str, *, start_s: float | None = None, end_s: float | None = None, labels: bool = False
+    ) -> pl.DataFrame:
+        """Return a message as it was, a row for each time it was sent: `t` in s and its signals.
+
+        Args:
+            message: its name, veh1.VehicleMotion; of the truth, truth.veh1.
+            start_s: only what is of this time or later.
+            end_s: only what is of an earlier time.
+            labels: signals with a value table as its names, of polars' type Enum, instead of numbers.
+
+        Raises:
+            BadInput: there is no such message.
+        """
+        from bench.record.joining import message_frame
+
+        topic = self.catalogue.topic(message)
+        return message_frame(self._table(topic, Span.of(start_s, end_s)), self.log.decoder(topic), labels=labels)
+
+    def event_frame(self) -> pl.DataFrame:
+        """Return the events: `t` in s, `level`, `source` and `text`."""
+        from bench.record.joining import event_frame
+
+        return event_frame(self.events)
+
+    def signal_frame(self, pattern: str = "*", *, ranges: bool = False) -> pl.DataFrame:
+        """Return what is known of signals: `name`, `unit`, `values` (how many), `start_s`, `end_s`, `comment`.
+
+        Args:
+            pattern: as of `names`.
+            ranges: also `min` and `max`, for which the signals are read.
+
+        Raises:
+            BadInput: nothing matches.
+        """
+        from bench.record.joining import signal_frame
+
+        return signal_frame(self.log, self.catalogue.chosen(pattern), ranges=ranges)
+
+    def unit(self, topic: str, name: str = "") -> str:
+        """Return the unit of a value, empty for none.
+
+        Args:
+            topic: its topic, or, alone, its whole name as `names` gives it.
+            name: its name in the topic.
+
+        Raises:
+            BadInput: there is no such topic or name.
+        """
+        if not name:
+            topic, name = self.catalogue.place(topic)
+        return str(self.log.channel(topic).metadata.get(f"unit {name}", ""))
 
     def wall_clock_ids(self, bus: str) -> set[int]:
         """Return the identifiers on `bus` whose frames carry wall-clock figures, which differ from run to run."""
@@ -225,157 +327,50 @@ class Run:
         Raises:
             BadInput: no such message was recorded.
         """
-        return bool(self._channel(f"/signals/{bus}/{message}").metadata.get("wall_clock") == "yes")
+        return bool(self.log.channel(f"/signals/{bus}/{message}").metadata.get("wall_clock") == "yes")
 
-    def frame_table(self, bus: str) -> npt.NDArray[Any]:
+    def frame_table(self, bus: str, *, start_s: float | None = None, end_s: float | None = None) -> npt.NDArray[Any]:
         """Return all raw frames of a bus in the order of the file, as `FRAME_TABLE`.
 
         Raises:
             BadInput: no frame was recorded there.
         """
-        channel = self._channel(f"/can/{bus}").id
-        numbers = range(len(self._file.contents.chunks))
-        return np.concatenate([np.empty(0, FRAME_TABLE), *(self._frames_of_chunk(n, channel)[1] for n in numbers)])
+        topic = f"/can/{bus}"
+        decoder = self.log.decoder(topic)
+        groups = self.log.parts([topic], Span.of(start_s, end_s))
+        tables = (frames_of(part, decoder) for group in groups for _, part in group)
+        return np.concatenate([np.empty(0, FRAME_TABLE), *tables])
 
-    def frames(self) -> Iterator[Frame]:
-        """Give every raw frame in the order of the file, in bounded memory."""
-        buses = {self.topics[f"/can/{bus}"].id: bus for bus in self.buses}
-        for number in range(len(self._file.contents.chunks)):
-            tables, places, names = [], [], []
-            for channel, bus in buses.items():
-                offsets, table = self._frames_of_chunk(number, channel)
-                tables.append(table)
-                places.append(offsets)
-                names += [bus] * len(offsets)
-            if not names:
-                continue
-            table = np.concatenate(tables)
-            for index in np.argsort(np.concatenate(places)).tolist():
-                row = table[index]
-                data = row["data"].tobytes()[: int(row["length"])]
-                yield Frame(
-                    time_ns=int(row["time"]),
-                    bus=names[index],
-                    can_id=int(row["can_id"]),
-                    data=data,
-                    receive_ns=int(row["receive"]),
-                    wire_ns=int(row["wire"]),
-                    response_ns=int(row["response"]),
-                )
+    def frames(self, *, start_s: float | None = None, end_s: float | None = None) -> Iterator[Frame]:
+        """Give every raw frame, or those with start_s <= t < end_s, in the order of the file, in bounded memory."""
+        buses = {f"/can/{bus}": bus for bus in self.buses}
+        for group in self.log.parts(list(buses), Span.of(start_s, end_s)):
+            names = [buses[topic] for topic, part in group for _ in range(len(part.offsets))]
+            order = np.argsort(np.concatenate([part.offsets for _, part in group]))
+            table = np.concatenate([frames_of(part, self.log.decoder(topic)) for topic, part in group])[order]
+            data = table["data"].tobytes()
+            columns = (table[name].tolist() for name in ("time", "can_id", "length", "receive", "wire", "response"))
+            rows = zip(order.tolist(), *columns, strict=True)
+            for row, (number, time_ns, can_id, length, receive_ns, wire_ns, response_ns) in enumerate(rows):
+                at = row * MAX_DATA
+                payload = data[at : at + length]
+                yield Frame(time_ns, names[number], can_id, payload, receive_ns, wire_ns, response_ns)
 
-    def _frames_of_chunk(self, number: int, channel: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[Any]]:
-        data, messages = self._chunk(number)
-        offsets = messages.get(channel, np.empty(0, np.int64))
-        table = np.zeros(len(offsets), FRAME_TABLE)
-        if len(offsets):
-            heads = message_heads(data, offsets)
-            table["time"] = heads["log_time"].astype(np.int64)
-            if not can_frame.read(data, offsets + MESSAGE.itemsize, heads["length"] - MESSAGE_FIELDS, table):
-                raise BadInput(f"{self.path}: chunk {number} has frames that are not {can_frame.NAME}")
-        return offsets, table
-
-    def _table(self, topic: str) -> Columns:
-        if topic not in self._columns:
-            self._columns[topic] = self._read_table(self._channel(topic))
-        return self._columns[topic]
-
-    def _read_table(self, channel: Channel) -> Columns:
-        kind = self._message_class(channel)
-        layout = Layout.of(kind)
-        names = [field.name for field in kind.DESCRIPTOR.fields]
-        times, parts = [], []
-        for number in range(len(self._file.contents.chunks)):
-            data, messages = self._chunk(number)
-            offsets = messages.get(channel.id)
-            if offsets is None:
-                continue
-            heads = message_heads(data, offsets)
-            times.append(heads["log_time"].astype(np.int64))
-            parts.append(_flat(data, offsets, heads["length"], layout) if layout else None)
-            if parts[-1] is None:
-                parts[-1] = self._parse_flat(data, offsets, heads["length"], kind, names)
-        columns = {"t": np.concatenate(times) / 1e9 if times else np.empty(0)}
-        for name in names:
-            columns[name] = np.concatenate([part[name] for part in parts if part is not None]) if parts else np.empty(0)
-        return Columns(f"{self.path}: topic {channel.topic}", columns)
-
-    def _parse_flat(
-        self,
-        data: npt.NDArray[np.uint8],
-        offsets: npt.NDArray[np.int64],
-        lengths: npt.NDArray[np.uint64],
-        kind: type[Message],
-        names: list[str],
-    ) -> dict[str, npt.NDArray[Any]]:
-        """Decode messages that another writer encoded in its own way."""
-        rows = [self._parse(kind, payload) for payload in _payloads(data, offsets, lengths)]
-        return {name: np.array([getattr(row, name) for row in rows]) for name in names}
-
-    def _parse(self, kind: type[Message], payload: bytes) -> Message:
+    def _decoder_of_table(self, topic: str) -> TopicDecoder | None:
         try:
-            return kind.FromString(payload)
-        except DecodeError as error:
-            raise BadInput(f"{self.path}: a message {kind.DESCRIPTOR.full_name} cannot be decoded: {error}") from error
+            decoder = self.log.decoder(topic)
+        except BadInput:
+            # What cannot be read is missed when it is asked for.
+            return None
+        return decoder if decoder.is_table else None
 
-    def _parsed(self, topic: str) -> Iterator[tuple[int, Any]]:
-        """Give time in ns and message of a topic, one by one; nothing where the topic was not recorded."""
-        if topic not in self.topics:
-            return
-        channel = self.topics[topic]
-        kind = self._message_class(channel)
-        for number in range(len(self._file.contents.chunks)):
-            data, messages = self._chunk(number)
-            offsets = messages.get(channel.id)
-            if offsets is not None:
-                heads = message_heads(data, offsets)
-                payloads = _payloads(data, offsets, heads["length"])
-                for time_ns, payload in zip(heads["log_time"].tolist(), payloads, strict=True):
-                    yield time_ns, self._parse(kind, payload)
-
-    def _message_class(self, channel: Channel) -> type[Message]:
-        schema: Schema | None = self._file.contents.schemas.get(channel.schema_id)
-        if schema is None or schema.encoding != "protobuf":
-            raise BadInput(f"{self.path}: topic {channel.topic} has no protobuf schema")
-        try:
-            return message_class(schema.name, schema.data)
-        except ValueError as error:
-            raise BadInput(f"{self.path}: {error}") from error
-
-    def _channel(self, topic: str) -> Channel:
-        try:
-            return self.topics[topic]
-        except KeyError:
-            near = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
-            have = ", ".join(near or sorted(self.topics)) or "nothing"
-            raise BadInput(f"{self.path} has no topic {topic}; recorded are {have}") from None
-
-    def _read_chunk(self, number: int) -> tuple[npt.NDArray[np.uint8], dict[int, npt.NDArray[np.int64]]]:
-        data = self._file.chunk(number)
-        if data is None:
-            self._warn(f"chunk {number} is damaged and left out")
-            return np.empty(0, np.uint8), {}
-        return data, self._file.messages(number, data)
-
-    def _warn(self, what: str) -> None:
-        """Warn once a log."""
-        if not self._warned:
-            self._warned = True
-            warnings.warn(f"{self.path}: {what}", LogDamaged, stacklevel=4)
-        self.damage = self.damage or what
-
-
-def _flat(
-    data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], lengths: npt.NDArray[np.uint64], layout: Layout
-) -> Any:
-    """Return the messages of one chunk as a structured array, None where they are not in this layout."""
-    size = layout.dtype.itemsize
-    if (lengths != size + MESSAGE_FIELDS).any():
-        return None
-    return layout.view(data[offsets[:, None] + (MESSAGE.itemsize + np.arange(size))])
-
-
-def _payloads(
-    data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], lengths: npt.NDArray[np.uint64]
-) -> Iterator[bytes]:
-    for start, length in zip(offsets.tolist(), lengths.tolist(), strict=True):
-        yield data[start + MESSAGE.itemsize : start + MESSAGE.itemsize + length - MESSAGE_FIELDS].tobytes()
+    def _table(self, topic: str, span: Span = ALL) -> Columns:
+        if topic in self._kept:
+            self._kept.move_to_end(topic)
+            return self._kept[topic] if span == ALL else self._kept[topic].within(span)
+        while sum(kept.nbytes for kept in self._kept.values()) > KEPT_BYTES:
+            self._kept.popitem(last=False)
+        columns = self.log.tables([topic], span)[topic]
+        if span == ALL:
+            self._kept[topic] = columns
+        return columns

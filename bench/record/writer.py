@@ -1,8 +1,8 @@
 """The recorder: everything of a run into one MCAP file, cheaply enough to sit in the conductor's process.
 
-Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy, when a chunk is
-full or half a second old. A killed run loses at most that. With a `BusTimeline`, frames get their times on the wire
-then, and stand in the log in that order within their cycle.
+Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy. What is encoded
+is written, in chunks as `bench.record.chunking` has them, when half a second old. A killed run loses at most that.
+With a `BusTimeline`, frames get their times on the wire then, and stand in the log in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
 `/plan/veh<i>`, `/events`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the host's receive
@@ -16,6 +16,7 @@ import struct
 import time
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -32,13 +33,15 @@ from bench.bus.codec import Codec
 from bench.bus.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.record import can_frame, foxglove, process_usage
-from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile
+from bench.record.chunking import ChunkGroups, Records
+from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
 from bench.record.layout import Field, Layout, file_descriptor_set
 from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message
 
 CHUNK_BYTES = 64 * 1024
 FLUSH_S = 0.5
+"""What is older than this, by the host's clock or by simulated time, is written; by the latter only a chunk's worth."""
 PLAN_MESSAGE = "PlannerTarget"
 
 # A `FRAME` that has not been on the wire yet.
@@ -108,6 +111,8 @@ class RunWriter:
         self._guard(lambda: self._write_head(metadata, attachments))
         self._make_can_channels(codecs)
         self._make_truth_channels(truth_names, truth_units or {})
+        self._rest_group = len(codecs) + 2
+        self._group = self._groups_of_channels()
         self._pending = bytearray()
         self._pending_truth: list[tuple[int, int, bytes]] = []
         self._pending_other: list[tuple[int, int, bytes]] = []
@@ -117,7 +122,9 @@ class RunWriter:
         self._process_channels: dict[str, int] = {}
         # Channels are numbered from 1.
         self._sequence = np.zeros(self._channels + 1, np.int64)
+        self._groups = ChunkGroups(CHUNK_BYTES)
         self._flushed_at = time.monotonic()
+        self._flushed_ns = 0
         self._lanes = _lanes(attachments.get("scenario.toml", b""))
         self._scene_written = False
 
@@ -187,31 +194,41 @@ class RunWriter:
             channel = self._file.add_channel(f"/processes/{name}", schema, process_usage.UNITS)
             self._process_channels[name] = channel
             self._sequence = np.append(self._sequence, 0)
+            self._group = np.append(self._group, self._rest_group)
         self._other(self._process_channels[name], time_ns, usage.encoded())
 
     def flush(self) -> None:
-        """Write all that is noted as one chunk, through to the operating system.
+        """Write all that is noted, through to the operating system.
 
-        Called by the writer itself whenever a chunk is full or `FLUSH_S` old and something of a later cycle comes; call
-        it also while waiting for a frame that does not come, between two cycles.
+        Called by the writer itself whenever `FLUSH_S` are over and something of a later cycle comes; call it also while
+        waiting for a frame that does not come, between two cycles.
 
         Raises:
             RunFailed: the file cannot be written.
         """
         self._flushed_at = time.monotonic()
-        if not self._pending_bytes:
-            return
-        self._write_chunk(self._on_the_wire())
+        self._flushed_ns = self._newest
+        if self._pending_bytes:
+            self._encode_pending(self._on_the_wire())
+        self._write_chunks()
 
-    def _write_chunk(self, frames: npt.NDArray[Any]) -> None:
+    def _encode_pending(self, frames: npt.NDArray[Any]) -> None:
         # Where the bus was busy, all that has come may be on the wire in the next cycle only.
-        chunk = self._encode(frames) if len(frames) or self._pending_truth or self._pending_other else None
+        if len(frames) or self._pending_truth or self._pending_other:
+            records, group = self._encode(frames)
+            for number, part in records.by_group(group):
+                self._groups.add(number, part)
         self._pending.clear()
         self._pending_truth.clear()
         self._pending_other.clear()
         self._pending_bytes = 0
-        if chunk is not None:
-            self._guard(lambda: self._file.add_chunk(*chunk))
+
+    def _write_chunks(self) -> None:
+        def write() -> None:
+            for chunk in self._groups.take():
+                self._file.add_chunk(chunk.data.data, chunk.channel, chunk.log_time, chunk.offset)
+
+        self._guard(write)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Write what is pending, the result as metadata `result`, the summary, and close the file.
@@ -223,9 +240,8 @@ class RunWriter:
             return
         try:
             self.flush()
-            rest = self._on_the_wire(last=True)
-            if len(rest):
-                self._write_chunk(rest)
+            self._encode_pending(self._on_the_wire(last=True))
+            self._write_chunks()
             self._guard(lambda: self._file.add_metadata("result", result))
             self._guard(self._file.finish)
         finally:
@@ -235,7 +251,7 @@ class RunWriter:
     def _write_head(self, metadata: Mapping[str, str], attachments: Mapping[str, bytes]) -> None:
         self._file.add_metadata("run", {"vehicles": str(self._vehicles), **metadata})
         for name, data in attachments.items():
-            self._file.add_attachment(name, _media_type(name), data)
+            self._file.add_attachment(name, media_type(name), data)
 
     def _make_can_channels(self, codecs: Mapping[str, Codec]) -> None:
         """Register a raw channel per bus and a decoded one per bus and message, with their templates."""
@@ -294,15 +310,27 @@ class RunWriter:
         self._scene_channel = self._foxglove_channel("/scene", SceneUpdate)
         self._event_channel = self._channels = self._foxglove_channel("/events", Log)
 
+    def _groups_of_channels(self) -> npt.NDArray[np.int64]:
+        """Return which channels share chunks: all raw frames, each bus's signals, all truth, the rest."""
+        groups = np.full(self._channels + 1, self._rest_group)
+        groups[self._raw_channels] = 0
+        groups[self._decoded.channel] = 1 + self._decoded.bus
+        groups[list(self._truth_channels.values())] = self._rest_group - 1
+        return groups
+
     def _foxglove_channel(self, topic: str, message: Any) -> int:
         return self._file.add_channel(topic, self._file.add_schema(*foxglove.schema(message)), {})
 
     def _make_room(self, time_ns: int, size: int) -> None:
         """Write what there is, if that is due, before something is noted. A cycle's frames stay together."""
         if time_ns > self._newest:
+            old_ns = time_ns - self._flushed_ns
+            held = self._pending_bytes + self._groups.bytes
             self._newest = time_ns
-            if self._pending_bytes >= CHUNK_BYTES or time.monotonic() - self._flushed_at >= FLUSH_S:
+            if time.monotonic() - self._flushed_at >= FLUSH_S or (held >= CHUNK_BYTES and old_ns >= FLUSH_S * 1e9):
                 self.flush()
+            elif self._pending_bytes >= CHUNK_BYTES:
+                self._encode_pending(self._on_the_wire())
         self._pending_bytes += size
 
     def _other(self, channel: int, time_ns: int, payload: bytes) -> None:
@@ -335,13 +363,13 @@ class RunWriter:
             return write()
         except OSError as error:
             self._closed = True
-            self._stream.close()
+            # What could not be written is tried again by closing.
+            with suppress(OSError):
+                self._stream.close()
             raise RunFailed(f"cannot write the log {self._path}: {error.strerror or error}") from error
 
-    def _encode(
-        self, frames: npt.NDArray[Any]
-    ) -> tuple[memoryview, npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Return all that is pending as records in the order of time, and channel, time and offset of each.
+    def _encode(self, frames: npt.NDArray[Any]) -> tuple[Records, npt.NDArray[np.int64]]:
+        """Return all that is pending as records, group by group in the order of time, and the group of each.
 
         Among messages of one time: the frames in their order, each raw and then decoded, then truth, then the rest.
         """
@@ -370,7 +398,8 @@ class RunWriter:
         )
         payloads = [MESSAGE.itemsize + len(payload) for _, _, payload in others]
         size = np.concatenate([self._template_size[template], np.array(payloads, np.int64)])
-        order = np.lexsort((rank, log_time))
+        group = self._group[channel]
+        order = np.lexsort((rank, log_time, group))
         offset = np.empty(len(order), np.int64)
         offset[order] = np.cumsum(size[order]) - size[order]
         out = np.zeros(int(size.sum()), np.uint8)
@@ -387,7 +416,7 @@ class RunWriter:
         out[at[:, :, None] + np.arange(8)] = rows
         for (_, _, payload), start in zip(others, offset[n_made:].tolist(), strict=True):
             out[start + MESSAGE.itemsize : start + MESSAGE.itemsize + len(payload)] = np.frombuffer(payload, np.uint8)
-        return out.data, channel[order], log_time[order], offset[order]
+        return Records(out, channel[order], log_time[order], offset[order]), group[order]
 
     def _fill_templates(
         self,
@@ -441,6 +470,7 @@ class _DecodedTable:
         keys = sorted(decoded)
         self._keys = np.array(keys, np.int64)
         self._length = np.array([decoded[key].length for key in keys], np.int64)
+        self.bus = self._keys >> 32
         self.channel = np.array([decoded[key].channel for key in keys], np.int64)
         self.template = np.array([decoded[key].template for key in keys], np.int64)
         self.message = np.array([decoded[key].message for key in keys], np.int64)
@@ -510,11 +540,6 @@ def _fill_headers(
     header["channel"], header["sequence"] = channel, sequence & 0xFFFFFFFF
     header["log_time"] = header["publish_time"] = log_time
     out[offset[:, None] + np.arange(MESSAGE.itemsize)] = header.view(np.uint8).reshape(-1, MESSAGE.itemsize)
-
-
-def _media_type(name: str) -> str:
-    kinds = {".toml": "application/toml", ".xml": "application/xml", ".json": "application/json"}
-    return kinds.get(Path(name).suffix, "text/plain")
 
 
 def _lanes(scenario: bytes) -> list[float]:

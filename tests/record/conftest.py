@@ -5,8 +5,11 @@ import struct
 
 import pytest
 
+from bench.bus.address import Address
 from bench.bus.codec import load_codecs
+from bench.conductor.run import run
 from bench.record import RunWriter
+from bench.scenario import load
 
 VEHICLES = 2
 TRUTH_NAMES = ("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "F_z_fl")
@@ -76,6 +79,15 @@ def codecs():
 @pytest.fixture(scope="session")
 def recorded(codecs, tmp_path_factory):
     return write_log(tmp_path_factory.mktemp("log") / "run.mcap", codecs)
+
+
+@pytest.fixture(scope="session")
+def real_log(tmp_path_factory):
+    """The log of a real run of three vehicles, 1 s long."""
+    path = tmp_path_factory.mktemp("real") / "formation.mcap"
+    scenario = load("formation", ["duration_s=1.0"])
+    run(scenario, address=Address.parse("direct"), out=path, command_line=["test"])
+    return path
 
 
 @pytest.fixture

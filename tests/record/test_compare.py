@@ -57,6 +57,22 @@ def test_a_single_bit_is_found_with_its_signal_and_time(make_log):
     assert "veh2 VehicleMotion.VelocityX: from 0.170 s, 1 values, by at most 0.128 m/s" in text
 
 
+def test_a_crc_is_told_of_only_where_nothing_else_tells_why(codecs, tmp_path):
+    """It follows from the rest of a frame; a wrong one does not."""
+
+    def log(name, speed, crc=None):
+        path = tmp_path / f"{name}.mcap"
+        with open_writer(path, codecs) as writer:
+            values = codecs["veh1"].start_values("VehicleMotion") | {"VelocityX": speed}
+            can_id, data = codecs["veh1"].encode("VehicleMotion", values, 5)
+            writer.frame("veh1", 50_000_000, can_id, data if crc is None else bytes([crc]) + data[1:], 0)
+        return path
+
+    a = log("a", 20.0)
+    assert [s.signal for s in diff(a, log("b", 21.0)).signals] == ["VelocityX"]
+    assert [s.signal for s in diff(a, log("c", 20.0, crc=0)).signals] == ["CRC"]
+
+
 def test_a_bit_that_no_signal_covers_is_found(make_log):
     # BenchSync fills its frame; PlantBusHealth has two signals of 16 bits, the other half is spare.
     a = make_log("a.mcap")

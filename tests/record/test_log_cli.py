@@ -1,14 +1,23 @@
 """`platoon log` as a user calls it, by its output and its exit code."""
 
+import json
+import os
+import subprocess
 import sys
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
+import polars as pl
 import pytest
 
 from bench.cli import main
-from bench.log_cli import FormatName
+from bench.log_cli import ExportName, FormatName
+from bench.record import LogDamaged, Run
 from bench.record.exchange import Format
+from bench.record.exchange.tables import TableFormat
+
+from .conftest import SCENARIO
 
 
 @pytest.fixture
@@ -36,6 +45,101 @@ def log(recorded, tmp_path):
 
 def test_the_command_has_the_formats_there_are():
     assert [name.value for name in FormatName] == [kind.value for kind in Format]
+    assert [name.value for name in ExportName] == [kind.value for kind in [*Format, *TableFormat]]
+
+
+def test_info_tells_what_a_log_is(platoon, log, recorded):
+    shown = platoon("log", "info", log.name)
+    assert (shown.returncode, shown.stderr) == (0, "")
+    lines = dict(line.split(maxsplit=1) for line in shown.stdout.splitlines() if not line.startswith("bus"))
+    assert lines["time"] == "0 s to 0.39 s"
+    assert (lines["status"], lines["seed"], lines["events"]) == ("completed", "7", "4 warning")
+    assert lines["attachments"] == f"scenario.toml ({len(SCENARIO)} bytes), vehicle.dbc (7 bytes)"
+    assert lines["damage"] == "none found"
+    for bus in ("v2v", "veh1", "veh2"):
+        count = sum(frame[1] == bus for frame in recorded.frames)
+        assert f"bus {bus}" in shown.stdout
+        assert f"  {count} frames, {(count - 1) / 0.39:.6g} a second" in shown.stdout
+    found = json.loads(platoon("log", "info", log.name, "--json").stdout)
+    assert (found["start_s"], found["end_s"], found["damage"]) == (0.0, 0.39, "")
+    assert found["signals"] == len(Run(log).names())
+    assert sum(bus["messages"] for bus in found["buses"]) == len(recorded.frames)
+
+
+def test_a_log_that_was_cut_off_is_shown_as_far_as_it_goes_after_one_warning(platoon, log):
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    for arguments in (["info", "--json"], ["signals"], ["export", "--format", "csv"]):
+        with pytest.warns(LogDamaged, match="ends before its summary") as caught:
+            shown = platoon("log", arguments[0], log.name, *arguments[1:])
+        assert (shown.returncode, len(caught)) == (0, 1)
+        if arguments[0] == "info":
+            assert "ends before its summary" in json.loads(shown.stdout)["damage"]
+
+
+def test_signals_are_listed_with_units_counts_and_ranges(platoon, log):
+    shown = platoon("log", "signals", log.name, "*.VehicleMotion.YawRate", "--ranges")
+    assert (shown.returncode, shown.stderr) == (0, "")
+    values = Run(log).signal("veh2.VehicleMotion.YawRate")[1]
+    rows = [line.split() for line in shown.stdout.splitlines()]
+    assert rows[0] == ["name", "unit", "values", "start_s", "end_s", "min", "max"]
+    assert [row[0] for row in rows[1:]] == ["veh1.VehicleMotion.YawRate", "veh2.VehicleMotion.YawRate"]
+    assert rows[2][1:] == ["rad/s", "40", "0", "0.39", f"{values.min():.9g}", f"{values.max():.9g}"]
+    assert len(platoon("log", "signals", log.name).stdout.splitlines()) == 1 + len(Run(log).names())
+
+
+@pytest.mark.parametrize("kind", TableFormat, ids=str)
+def test_signals_go_out_as_a_table(platoon, log, tmp_path, kind):
+    asked = ["truth.*.X", "veh1.VehicleMotion.YawRate", "veh1.TrackerStatus.GainSource"]
+    options = [word for pattern in asked for word in ("--signal", pattern)]
+    out = platoon("log", "export", log.name, "--format", kind, *options, "--from", 0.1, "--every", 0.005, "--labels")
+    assert (out.returncode, out.stderr) == (0, "")
+    wanted = Run(log).frame(asked, start_s=0.1, every_s=0.005, labels=True).cast({pl.Enum: pl.String})
+    assert out.stdout == f"run.{kind}: {len(wanted)} rows of 4 signals\n"
+    if kind is TableFormat.CSV:
+        found = pl.read_csv(tmp_path / "run.csv", schema_overrides={"veh1.TrackerStatus.GainSource": pl.String})
+        titles = ["t [s]", "truth.veh1.X [m]", "truth.veh2.X [m]", "veh1.VehicleMotion.YawRate [rad/s]"]
+        assert found.columns == [*titles, "veh1.TrackerStatus.GainSource"]
+        found.columns = wanted.columns
+    else:
+        found = pl.read_parquet(tmp_path / "run.parquet")
+        units = json.loads(pl.read_parquet_metadata(tmp_path / "run.parquet")["units"])
+        assert (units["t"], units["truth.veh1.X"], units["veh1.TrackerStatus.GainSource"]) == ("s", "m", "")
+    assert found.equals(wanted)
+
+
+def test_a_long_log_goes_out_in_slices_that_join(platoon, make_log, tmp_path, monkeypatch):
+    monkeypatch.setattr("bench.record.exchange.tables.SLICE_NS", 70_000_000)
+    make_log("run.mcap")
+    assert platoon("log", "export", "run.mcap", "-o", "all.parquet").returncode == 0
+    assert pl.read_parquet(tmp_path / "all.parquet").equals(Run(tmp_path / "run.mcap").frame("*"))
+    done = platoon("log", "export", "run.mcap", "-o", "every.parquet", "--every", 0.003, "--to", 0.2)
+    assert done.returncode == 0
+    assert pl.read_parquet(tmp_path / "every.parquet").equals(
+        Run(tmp_path / "run.mcap").frame("*", every_s=0.003, end_s=0.2)
+    )
+
+
+def test_a_disk_that_is_full_leaves_no_half_of_a_table(log, tmp_path):
+    # A limit on the file's size stands in for the disk's end.
+    code = """
+import resource, signal, sys
+from pathlib import Path
+from bench.errors import BadInput
+from bench.record.exchange.tables import TableFormat, export_table
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+for kind in TableFormat:
+    try:
+        export_table(Path("run.mcap"), Path(f"out{kind.suffix}"), kind)
+    except BadInput as error:
+        print(error)
+"""
+    paths = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, env=paths)
+    told = done.stdout.splitlines()
+    assert [line.split(":")[0] for line in told] == ["cannot write out.csv", "cannot write out.parquet"], done
+    assert all("File too large" in line for line in told)
+    assert list(tmp_path.iterdir()) == [log]
 
 
 @pytest.mark.parametrize("kind", Format, ids=str)
@@ -89,6 +193,16 @@ def test_what_cannot_be_done_is_refused_in_one_line(platoon, tmp_path):
         (["export", "run.mcap", "-o", "good.log"], "is there already"),
         (["export", "run.mcap", "-o", "none/a.log"], "mkdir"),
         (["export", "run.mcap", "-o", "a.log", "--bus", "veh9"], "veh9"),
+        (["export", "run.mcap", "-o", "a.log", "--every", "0.1"], "--every is for tables"),
+        (["export", "run.mcap", "-o", "a.csv", "--bus", "veh1"], "--bus is for frames"),
+        (["export", "run.mcap", "-o", "a.csv", "--signal", "truth.veh1.x"], "near are truth.veh1.X"),
+        (["export", "run.mcap", "-o", "a.csv", "--every", "-1"], "want a step"),
+        (["export", "run.mcap", "-o", "a.csv", "--from", "2"], "nothing of these signals in that time"),
+        (["export", "run.mcap", "-o", "a.csv", "--from", "0.2", "--to", "0.1"], "is no time"),
+        (["export", "run.mcap", "--format", "csv", "-o", "a.parquet"], ".csv"),
+        (["export", "bad.log", "-o", "a.csv"], "is not an MCAP file"),
+        (["info", "bad.log"], "is not an MCAP file"),
+        (["signals", "run.mcap", "veh1.VehicleMotoin.*"], "near are"),
         (["import", "bad.log", "-o", "a.mcap"], "line 1"),
         (["import", "none.log", "-o", "a.mcap"], "not there"),
         (["import", "good.log", "-o", "run.mcap"], "is there already"),

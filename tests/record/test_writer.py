@@ -54,15 +54,15 @@ def test_raw_frames_are_what_was_on_the_bus_in_that_order(recorded, messages):
 
 
 def test_every_message_of_the_dbc_is_decoded_as_the_codec_decodes_it(recorded, messages, codecs):
-    found = iter([(topic, message) for topic, _, message in messages if topic.startswith("/signals/")])
+    found = {bus: iter([m for m in messages if m[0].startswith(f"/signals/{bus}/")]) for bus in codecs}
     seen = set()
-    for _, bus, can_id, data, _ in recorded.frames:
+    for time_ns, bus, can_id, data, _ in recorded.frames:
         name, values = codecs[bus].decode(can_id, data)
-        topic, message = next(found)
-        assert topic == f"/signals/{bus}/{name}"
+        topic, record, message = next(found[bus])
+        assert (topic, record.log_time) == (f"/signals/{bus}/{name}", time_ns)
         assert {signal: getattr(message, signal) for signal in values} == values
         seen.add((bus, name))
-    assert next(found, None) is None
+    assert all(next(rest, None) is None for rest in found.values())
     assert len(seen) == len({(bus, can_id) for _, bus, can_id, _, _ in recorded.frames}) > 50
 
 
@@ -167,9 +167,25 @@ def test_sequence_numbers_count_each_channel_without_a_gap(messages):
     assert all(found == list(range(len(found))) for found in numbers.values())
 
 
-def test_log_times_rise_through_the_file(messages):
-    times = [record.log_time for _, record, _ in messages]
+def test_a_chunk_holds_one_group_of_topics(recorded):
+    groups = []
+    with recorded.path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        for index in summary.chunk_indexes:
+            topics = {summary.channels[number].topic for number in index.message_index_offsets}
+            groups.append({"/".join(topic.split("/")[: 3 if topic.startswith("/signals/") else 2]) for topic in topics})
+    parts = [{"/can"}, {"/signals/v2v"}, {"/signals/veh1"}, {"/signals/veh2"}, {"/truth"}]
+    assert all(group in parts or group <= {"/tf", "/scene", "/plan", "/events"} for group in groups)
+    assert all(part in groups for part in parts)
+
+
+def test_log_times_rise_through_what_is_read_in_order(recorded, messages):
+    with recorded.path.open("rb") as stream:
+        times = [record.log_time for _, _, record in make_reader(stream).iter_messages()]
+    assert len(times) == len(messages)
     assert all(a <= b for a, b in itertools.pairwise(times))
+    raw = [record.log_time for topic, record, _ in messages if topic.startswith("/can/")]
+    assert raw == sorted(raw)
 
 
 def test_channels_say_unit_identifier_and_wall_clock(recorded):

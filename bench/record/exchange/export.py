@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from bench.errors import BadInput
 from bench.record.can_frame import Frame
@@ -48,25 +50,55 @@ def export_log(log: Path, target: Path, kind: Format, buses: Sequence[str] = ())
     for bus in numbers:
         if not BUS_NAME.fullmatch(bus):
             raise BadInput(f"{log}: bus {bus!r} has a name that {kind} cannot carry")
-    frames = [frame for frame in run.frames() if frame.bus in numbers]
-    if not frames:
+    what = _survey(run, numbers)
+    if not what.frames:
         raise BadInput(f"{log} holds no frame: there is nothing to export")
-    ordered = sorted(frames, key=lambda frame: frame.time_ns)
-    if ordered[-1].time_ns > LONGEST_NS:
+    if what.last_ns > LONGEST_NS:
         limit = f"times are exported exactly up to {LONGEST_NS // NS} s"
-        raise BadInput(f"{log} has a frame at {ordered[-1].time_ns / NS:.0f} s; {limit}")
+        raise BadInput(f"{log} has a frame at {what.last_ns / NS:.0f} s; {limit}")
+    frames: Iterable[Frame] = (frame for frame in run.frames() if frame.bus in numbers)
+    if not what.in_order:
+        frames = sorted(frames, key=lambda frame: frame.time_ns)
     with written_aside(target) as path:
-        writers.write(kind, path, ordered, numbers)
+        writers.write(kind, path, frames, numbers, decimals=what.decimals)
     named = {bus: bus if kind is Format.CANDUMP else str(number) for bus, number in numbers.items()}
-    return Exported(len(frames), named, tuple(_notes(run, kind, ordered, in_order=ordered == frames)))
+    return Exported(what.frames, named, tuple(_notes(run, kind, what)))
 
 
-def _notes(run: Run, kind: Format, frames: Sequence[Frame], *, in_order: bool) -> list[str]:
-    beside = [what for start, what in _BESIDE.items() if any(topic.startswith(start) for topic in run.topics)]
+@dataclass(frozen=True)
+class _Survey:
+    """What a first look at the frames shows, so that they need not be held in memory.
+
+    Attributes:
+        frames: how many.
+        last_ns: time of the latest.
+        in_order: whether they stand in the order of time.
+        decimals: how many the times need in seconds, 6 or 9.
+    """
+
+    frames: int
+    last_ns: int
+    in_order: bool
+    decimals: int
+
+
+def _survey(run: Run, buses: Iterable[str]) -> _Survey:
+    count, last_ns, in_order, decimals = 0, -1, True, 6
+    for group in run.log.parts([f"/can/{bus}" for bus in buses]):
+        times = np.concatenate([part.time_ns for _, part in group])
+        times = times[np.argsort(np.concatenate([part.offsets for _, part in group]))]
+        in_order &= bool(times[0] >= last_ns and (np.diff(times) >= 0).all())
+        count, last_ns = count + len(times), max(last_ns, int(times.max()))
+        decimals = 9 if (times % writers.MICROSECOND).any() else decimals
+    return _Survey(count, last_ns, in_order, decimals)
+
+
+def _notes(run: Run, kind: Format, what: _Survey) -> list[str]:
+    beside = [name for start, name in _BESIDE.items() if any(topic.startswith(start) for topic in run.topics)]
     beside += ["attachments"] if run.attachments else []
     notes = [f"{kind} carries frames only; left out: {', '.join([*beside, 'metadata, receive and wire times'])}"]
-    if kind in (Format.CANDUMP, Format.ASC) and not writers.fits_microseconds(frames):
+    if kind in (Format.CANDUMP, Format.ASC) and what.decimals > 6:
         notes.append("times are not whole microseconds: written with 9 decimals, which can-utils may not read")
-    if not in_order:
+    if not what.in_order:
         notes.append("the log's frames were not in the order of time; the file's are")
     return notes

@@ -12,7 +12,7 @@ candump has the names of buses; the others number them, and carry the names in a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
@@ -30,30 +30,28 @@ MICROSECOND = 1_000
 _TIME_0 = datetime.fromtimestamp(0, UTC)
 
 
-def fits_microseconds(frames: Sequence[Frame]) -> bool:
-    """Return whether all times are whole µs, which 6 decimals of a second hold."""
-    return all(frame.time_ns % MICROSECOND == 0 for frame in frames)
-
-
-def write(kind: Format, path: Path, frames: Sequence[Frame], numbers: Mapping[str, int]) -> None:
-    """Write frames, in their order, to a new file.
+def write(kind: Format, path: Path, frames: Iterable[Frame], numbers: Mapping[str, int], *, decimals: int) -> None:
+    """Write frames, in their order, to a new file; but for MF4, in bounded memory.
 
     Args:
         kind: format of the file.
         path: the file.
         frames: the frames in the order of time, none later than `LONGEST_NS`.
         numbers: channel number of each bus, from 1.
+        decimals: how many times in seconds are written with, where they are text: 6 or 9.
 
     Raises:
         OSError: the file cannot be written.
     """
-    writers: dict[Format, Callable[[Path, Sequence[Frame], Mapping[str, int]], None]] = {
-        Format.CANDUMP: _write_candump,
-        Format.ASC: _write_asc,
-        Format.BLF: _write_blf,
-        Format.MF4: _write_mf4,
-    }
-    writers[kind](path, frames, numbers)
+    match kind:
+        case Format.CANDUMP:
+            _write_candump(path, frames, decimals)
+        case Format.ASC:
+            _write_asc(path, frames, numbers, decimals)
+        case Format.BLF:
+            _write_blf(path, frames, numbers)
+        case Format.MF4:
+            _write_mf4(path, list(frames), numbers)
 
 
 def _message(frame: Frame, timestamp: float, channel: str | int) -> can.Message:
@@ -63,8 +61,7 @@ def _message(frame: Frame, timestamp: float, channel: str | int) -> can.Message:
     )
 
 
-def _write_candump(path: Path, frames: Sequence[Frame], _numbers: Mapping[str, int]) -> None:
-    decimals = 6 if fits_microseconds(frames) else 9
+def _write_candump(path: Path, frames: Iterable[Frame], decimals: int) -> None:
     with can.CanutilsLogWriter(path) as writer:
         for frame in frames:
             # The writer formats and compares, which a Decimal does too.
@@ -86,15 +83,15 @@ class _AscWriter(can.ASCWriter):
         return _TIME_0.strftime("%a %b %d %H:%M:%S.000 %Y")
 
 
-def _write_asc(path: Path, frames: Sequence[Frame], numbers: Mapping[str, int]) -> None:
+def _write_asc(path: Path, frames: Iterable[Frame], numbers: Mapping[str, int], decimals: int) -> None:
     with _AscWriter(path) as writer:
-        writer.begin(6 if fits_microseconds(frames) else 9, names_comment(numbers))
+        writer.begin(decimals, names_comment(numbers))
         for frame in frames:
             # The writer adds 1 to a channel's number.
             writer.on_message_received(_message(frame, frame.time_ns / NS, numbers[frame.bus] - 1))
 
 
-def _write_blf(path: Path, frames: Sequence[Frame], numbers: Mapping[str, int]) -> None:
+def _write_blf(path: Path, frames: Iterable[Frame], numbers: Mapping[str, int]) -> None:
     with can.BLFWriter(path) as writer:
         writer.log_event(names_comment(numbers), 0.0)
         for frame in frames:

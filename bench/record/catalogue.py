@@ -1,0 +1,95 @@
+"""The signals of a log by name: `veh1.VehicleMotion.YawRate`, `truth.veh1.v_x`.
+
+A name is a topic with dots for slashes, `signals` left out, and a field.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import NamedTuple
+
+from bench.errors import BadInput
+from bench.record.topic_decoder import TopicDecoder
+
+_NEAR = 5
+
+
+class Place(NamedTuple):
+    """Where a signal is."""
+
+    topic: str
+    field: str
+
+
+def topic_name(topic: str) -> str:
+    """Return a topic as it stands in the names of its signals."""
+    return topic.removeprefix("/").removeprefix("signals/").replace("/", ".")
+
+
+class Catalogue:
+    """All topics of a log that are tables of numbers."""
+
+    def __init__(self, path: Path, decoders: Sequence[TopicDecoder]) -> None:
+        """Name the fields of these topics, which the log `path` has, in their order."""
+        self._path = path
+        self._topics = {topic_name(decoder.topic): decoder.topic for decoder in decoders}
+        self._places = {
+            f"{name}.{field}": Place(decoder.topic, field)
+            for name, decoder in zip(self._topics, decoders, strict=True)
+            for field in decoder.names
+        }
+
+    def matching(self, pattern: str) -> list[str]:
+        """Return the names that match a pattern, in which `*` and `?` are wild."""
+        return [name for name in self._places if fnmatchcase(name, pattern)]
+
+    def chosen(self, patterns: str | Sequence[str]) -> dict[str, Place]:
+        """Return the signals of some names or patterns, each once, in that order.
+
+        Raises:
+            BadInput: there is no such signal, or none was asked for.
+        """
+        asked = [patterns] if isinstance(patterns, str) else list(patterns)
+        found: dict[str, Place] = {}
+        for pattern in asked:
+            names = [pattern] if pattern in self._places else self.matching(pattern)
+            if not names:
+                raise self._unknown("signal", pattern, list(self._places))
+            found.update((name, self._places[name]) for name in names)
+        if not found:
+            raise BadInput("no signal was asked for; name some, for example veh1.VehicleMotion.YawRate")
+        return found
+
+    def place(self, name: str) -> Place:
+        """Return where the signal of this name is.
+
+        Raises:
+            BadInput: there is no such signal.
+        """
+        if name not in self._places:
+            raise self._unknown("signal", name, list(self._places))
+        return self._places[name]
+
+    def topic(self, name: str) -> str:
+        """Return the topic of a message, `veh1.VehicleMotion`, or of the truth, `truth.veh1`.
+
+        Raises:
+            BadInput: there is no such message.
+        """
+        if name not in self._topics:
+            raise self._unknown("message", name, list(self._topics))
+        return self._topics[name]
+
+    def _unknown(self, what: str, name: str, known: Sequence[str]) -> BadInput:
+        by_lower = {each.lower(): each for each in known}
+        near = [by_lower[each] for each in difflib.get_close_matches(name.lower(), by_lower, _NEAR)]
+        # A name that lacks its bus, say, is far from every whole name.
+        near += [each for each in known if name.lower().strip("*.") in each.lower() and each not in near]
+        if near:
+            mend = f"near are {', '.join(near[:_NEAR])}"
+        else:
+            mend = f"it has {len(known)}, among them {', '.join(known[:_NEAR])}" if known else "it has none"
+        return BadInput(f"{self._path} has no {what} {name!r}; {mend}; platoon log signals lists all")

@@ -1,0 +1,46 @@
+"""The values of one topic, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.errors import BadInput
+from bench.record.time_span import NS, Span
+
+
+class Columns(dict[str, npt.NDArray[Any]]):
+    """The values of a topic by name, each (n,), and `t`, the time in s.
+
+    Asking for a value that the topic does not have raises BadInput, as the log is not what it should be.
+    """
+
+    def __init__(self, where: str, values: Mapping[str, npt.NDArray[Any]]) -> None:
+        super().__init__(values)
+        self._where = where
+
+    @property
+    def nbytes(self) -> int:
+        """How much memory the values take."""
+        return sum(values.nbytes for values in self.values())
+
+    @property
+    def time_ns(self) -> npt.NDArray[np.int64]:
+        """The time in whole ns, as the log has it (n,)."""
+        times: npt.NDArray[np.int64] = np.rint(self["t"] * NS).astype(np.int64)
+        return times
+
+    def select(self, rows: npt.NDArray[Any]) -> Columns:
+        """Return these rows of all values."""
+        return Columns(self._where, {name: values[rows] for name, values in self.items()})
+
+    def within(self, span: Span) -> Columns:
+        """Return the rows whose time is in `span`."""
+        return self.select(span.holds(self.time_ns))
+
+    def __missing__(self, name: str) -> npt.NDArray[Any]:
+        """Refuse a value the topic does not have."""
+        raise BadInput(f"{self._where} has no {name!r}; it has {', '.join(key for key in self if key != 't')}")
