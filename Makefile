@@ -1,4 +1,4 @@
-# make run: all the set-up, then the paper's formation. make test, make lint, make bench, make clean.
+# make run: all the set-up, then the paper's formation. make test, make lint, make bench, make references, make clean.
 PYTHON   ?= python3
 SCENARIO ?= formation
 ARGS     ?=
@@ -12,7 +12,7 @@ INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --
 FMU       := build/Vehicle.fmu
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run test lint bench clean
+.PHONY: setup run test lint bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -36,6 +36,10 @@ lint: $(DEVELOP)
 
 bench: setup $(DEVELOP)
 	$(BIN)/python -m bench.benchmarks
+
+# What `platoon resim` is tested on; to be made anew when ECUs are meant to send something else than before.
+references: setup
+	$(BIN)/python -m tests.reference
 
 clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

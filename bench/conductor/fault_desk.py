@@ -27,6 +27,9 @@ if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+ASKED_FOR = "asked for while running: "
+"""What the event of a fault typed into a running bench begins with; the fault follows, whole, as JSON."""
+
 _ANSWER_S = 10.0
 _MOST_BYTES = 65536
 _CREDENTIALS = struct.Struct("=3i")
@@ -80,7 +83,7 @@ class FaultDesk:
 
     def open(self, cycle: int, recorder: "Recorder") -> None:
         """Before a cycle begins: take in what has been asked for, and log what begins and ends with it."""
-        self._serve(cycle)
+        self._serve(cycle, recorder)
         if not self.plan.faults:
             return
         for index, fault in enumerate(self.plan.faults):
@@ -94,7 +97,7 @@ class FaultDesk:
                 self._told.add((index, False))
                 recorder.event(cycle, "warning", "fault", f"{target} ends")
 
-    def _serve(self, cycle: int) -> None:
+    def _serve(self, cycle: int, recorder: "Recorder") -> None:
         if self._socket is None:
             return
         try:
@@ -106,7 +109,10 @@ class FaultDesk:
             if _user_of(connection) not in (0, os.getuid()):
                 return
             connection.settimeout(0.2)
-            connection.sendall(json.dumps(self._answer(_line(connection), cycle)).encode() + b"\n")
+            answer = self._answer(_line(connection), cycle)
+            if "fault" in answer:
+                recorder.event(cycle, "info", "conductor", f"{ASKED_FOR}{json.dumps(answer['fault'])}")
+            connection.sendall(json.dumps(answer).encode() + b"\n")
 
     def _answer(self, line: bytes, cycle: int) -> dict[str, Any]:
         now_s = cycle * CYCLE_MS / 1000

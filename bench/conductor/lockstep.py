@@ -18,7 +18,7 @@ from bench.bus.topic import CYCLE_MS, PLANT
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.conductor.fault_desk import FaultDesk
-from bench.conductor.outages import Outages
+from bench.conductor.outages import GOES_ON_WITHOUT, Outages
 from bench.conductor.recorder import Recorder
 from bench.conductor.seats import Seats
 from bench.errors import RunFailed
@@ -204,6 +204,6 @@ class Lockstep:
             return False
         for name in names:
             self._outages.failed(name, crew)
-        self._failures.append(f"{text}; the run goes on without {', '.join(names)}")
+        self._failures.append(f"{text}{GOES_ON_WITHOUT}{', '.join(names)}")
         self._announce_absent(names)
         return True

@@ -6,6 +6,9 @@ from bench.bus.fault_plan import FaultPlan
 from bench.conductor.crew import Crew
 from bench.faults import EcuCrash, EcuHang
 
+GOES_ON_WITHOUT = "; the run goes on without "
+"""How the event of an ECU's failure says, before their names, who is missing from there on."""
+
 
 class _Condition(Enum):
     RUNNING = "running"

@@ -28,7 +28,7 @@ from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.conductor.lockstep import PROGRESS_CYCLES
-from bench.conductor.outages import Outages
+from bench.conductor.outages import GOES_ON_WITHOUT, Outages
 from bench.conductor.recorder import Recorder
 from bench.conductor.seats import Seats
 from bench.errors import RunFailed
@@ -349,7 +349,7 @@ class Realtime:
             return False
         for name in names:
             self._outages.failed(name, crew)
-        recorder.event(max(self.cycle, 0), "error", "conductor", f"{text}; the run goes on without {', '.join(names)}")
+        recorder.event(max(self.cycle, 0), "error", "conductor", f"{text}{GOES_ON_WITHOUT}{', '.join(names)}")
         return True
 
     def _schedule(self, crew: Crew, recorder: Recorder) -> None:

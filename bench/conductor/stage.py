@@ -28,6 +28,9 @@ from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
 from bench.plant.description import FmuDescription
 from bench.scenario import Scenario
 
+BY_HAND = "started by hand"
+"""What the log has for the class of an ECU that the bench did not start."""
+
 _GIT_S = 2.0
 _PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "cantools", "mcap")
 
@@ -94,6 +97,7 @@ class Stage:
             "python": sys.version.split()[0],
             "fmu_guid": self.description.guid,
             **{f"ecu {role}": spec for role, spec in self.ecus.items()},
+            **{f"ecu {name}": BY_HAND for name in self.without},
             **{f"version {name}": _version(name) for name in _PACKAGES},
         }
 

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
@@ -29,6 +29,7 @@ class EcuNode:
         codecs: Mapping[str, Codec],
         sends: Sequence[Topic] = (),
         plan: FaultPlan | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Put `ecu` on `links` (by bus name); in messages to a person it is `name`.
 
@@ -40,6 +41,7 @@ class EcuNode:
             sends: what the DBC has it send. Those without E2E protection, its diagnostics, go out with their start
                 values where a step does not return them, so that a small ECU need not send what drives nothing.
             plan: the faults of the run.
+            clock: tells the time (s) that the wait for inputs is measured by.
 
         Raises:
             BadInput: an input does not exist on these buses or has no alive counter.
@@ -52,9 +54,10 @@ class EcuNode:
         self._diagnostics = [topic for topic in sends if topic not in self._protected]
         self._codecs = codecs
         self._input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
+        self._clock = clock
         plan = plan or FaultPlan()
         try:
-            self._inbox = Inbox(links, codecs, ecu.inputs, name=name, own=sends, plan=plan)
+            self._inbox = Inbox(links, codecs, ecu.inputs, name=name, own=sends, plan=plan, clock=clock)
         except BadInput as error:
             raise BadInput(f"{name}: {error}") from None
         self._outbox = Outbox(name, links, codecs, plan)
@@ -112,7 +115,7 @@ class EcuNode:
 
     def _waited(self) -> bool:
         wake_at = self.wake_at
-        return wake_at is not None and time.monotonic() >= wake_at
+        return wake_at is not None and self._clock() >= wake_at
 
     def _step(self) -> None:
         cycle, lockstep = self._inbox.cycle, not self._inbox.realtime

@@ -1,5 +1,6 @@
 """Faults in real runs: the same frames on every bus, and ECUs that die, stop, start anew and join again."""
 
+import json
 import os
 import signal
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bench.bus.address import Address
-from bench.conductor.fault_desk import ask, running
+from bench.conductor.fault_desk import ASKED_FOR, ask, running
 from bench.conductor.run import run
 from bench.errors import BadInput
 from bench.record.compare import diff
@@ -157,6 +158,8 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
             (round(ice["at_s"], 3), "ice_patch:"),
         ]
     )
+    asked = [text.removeprefix(ASKED_FOR) for _, text in texts(recorded, "conductor") if text.startswith(ASKED_FOR)]
+    assert [json.loads(text) for text in asked] == [crash["fault"], ice["fault"]]
     mu = recorded.truth(1)
     assert set(mu["mu"][mu["t"] > ice["at_s"] + 0.005]) == {0.3}
     assert set(mu["mu"][mu["t"] < ice["at_s"]]) == {0.8}

@@ -1,0 +1,51 @@
+"""What a recorded run was brought about by intent: its faults, and the ECUs it had to go on without."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+
+from pydantic import TypeAdapter, ValidationError
+
+from bench.bus.topic import CYCLE_MS
+from bench.conductor.fault_desk import ASKED_FOR
+from bench.conductor.outages import GOES_ON_WITHOUT
+from bench.faults import Fault
+from bench.record.reader import Run
+
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+
+
+@dataclass(frozen=True)
+class History:
+    """What happened to the ECUs of a run from outside.
+
+    Attributes:
+        faults: of the scenario, then those typed into the running bench, in the order that chance knows them by.
+        untold: how many faults have begun in the run that the log does not hold whole.
+        ended: the cycle in which an ECU ended or fell silent that no fault had told to, by its name.
+    """
+
+    faults: tuple[Fault, ...]
+    untold: int
+    ended: dict[str, int]
+
+
+def read_history(run: Run) -> History:
+    """Return what happened in a run.
+
+    Raises:
+        BadInput: the log carries no scenario that this version can read.
+    """
+    faults: list[Fault] = list(run.scenario.faults)
+    begun = 0
+    ended: dict[str, int] = {}
+    for event in run.events:
+        if event.source == "conductor" and event.text.startswith(ASKED_FOR):
+            # What another version knew is left out, but that it has begun is counted.
+            with suppress(ValidationError):
+                faults.append(_FAULTS.validate_json(event.text.removeprefix(ASKED_FOR)))
+        elif event.source == "fault":
+            begun += " begins, until " in event.text
+        elif event.source == "conductor" and GOES_ON_WITHOUT in event.text:
+            for name in event.text.rpartition(GOES_ON_WITHOUT)[2].split(", "):
+                ended.setdefault(name, round(event.time_s * 1000 / CYCLE_MS))
+    return History(tuple(faults), max(0, begun - len(faults)), ended)

@@ -1,0 +1,134 @@
+"""One ECU to be run again, and what comes of it: what goes into a process of its own and what comes out."""
+
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bench.bus.topic import CYCLE_MS, Topic
+from bench.conductor.crew import Ended
+from bench.errors import BadInput, BenchError
+from bench.faults import Fault
+from bench.record.compare import SignalDifference
+from bench.resim.comparison import Comparison, First, Pair
+from bench.resim.recording import EcuLog
+from bench.resim.rerun import Rerun
+from bench.resim.tolerance import Tolerance
+from bench.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Job:
+    """One ECU to be run again.
+
+    Attributes:
+        log: what it saw and sent.
+        spec: its class, as `bench.ecu.main.load_class` takes it.
+        scenario: that of the run.
+        faults: all faults of the run, in the order that chance knows them by.
+        tolerance: what its frames may differ by.
+    """
+
+    log: EcuLog
+    spec: str
+    scenario: Scenario
+    faults: Sequence[Fault]
+    tolerance: Tolerance
+
+    @property
+    def name(self) -> str:
+        """Name of the ECU: `veh2.tracker`."""
+        return self.log.seat.name
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of an ECU that was run again.
+
+    Attributes:
+        name: of the ECU.
+        spec: its class.
+        frames: frames of the log that have been compared.
+        cycles: cycles that have been compared.
+        steps: how many steps the ECU has done.
+        waited: in how many cycles it did none although it sent something then.
+        not_there: which of its inputs the log does not have at all.
+        differing: frames whose bytes differ, or that only one side has.
+        beyond: those of them that differ by more than the tolerance.
+        first: the first of those.
+        signals: the signals that differ.
+        alone: frames that only one side has, in words.
+        changes: all frames that differ, by cycle.
+        error: why it ended before its time, or did not run at all; empty where all went well.
+        bad_input: whether that is due to what the user gave.
+    """
+
+    name: str
+    spec: str
+    frames: int = 0
+    cycles: int = 0
+    steps: int = 0
+    waited: int = 0
+    not_there: tuple[Topic, ...] = ()
+    differing: int = 0
+    beyond: int = 0
+    first: First | None = None
+    signals: tuple[SignalDifference, ...] = ()
+    alone: tuple[str, ...] = ()
+    changes: Mapping[int, Sequence[Pair]] = field(default_factory=dict)
+    error: str = ""
+    bad_input: bool = False
+
+    @property
+    def same(self) -> bool:
+        """Whether the ECU has sent what the log has, within the tolerance."""
+        return not self.beyond and not self.error
+
+
+def work(job: Job) -> Outcome:
+    """Run an ECU again in this process."""
+    if not job.log.ran:
+        return Outcome(job.name, job.spec, error="it never ran: the log has no frame of it")
+    if not job.log.end:
+        return Outcome(job.name, job.spec, error="the log has no whole cycle of its buses")
+    comparison = Comparison(job.log, job.tolerance)
+    error, bad_input, steps = "", False, 0
+    inputs: tuple[Topic, ...] = ()
+    try:
+        with Rerun(job.log, job.spec, job.scenario, job.faults) as rerun:
+            inputs = rerun.witness.inputs
+            try:
+                for step in rerun:
+                    comparison.add(step, rerun.witness.seen.get(step.cycle))
+            finally:
+                steps = rerun.steps
+    except Ended as failure:
+        error = f"after {comparison.cycles * CYCLE_MS / 1000:.3f} s {failure}{_where(failure)}"
+    except BenchError as failure:
+        error, bad_input = str(failure), isinstance(failure, BadInput)
+    except Exception as failure:  # noqa: BLE001 - of whoever wrote the class; the others go on
+        error = f"it cannot be made: {type(failure).__name__}: {failure}{_where(failure)}"
+    if not error and not comparison.frames:
+        error = "it sent nothing in the cycles that could be compared"
+    return Outcome(
+        name=job.name,
+        spec=job.spec,
+        frames=comparison.frames,
+        cycles=comparison.cycles,
+        steps=steps,
+        waited=comparison.waited,
+        not_there=tuple(topic for topic in inputs if not job.log.has(topic)),
+        differing=comparison.differing,
+        beyond=comparison.beyond,
+        first=comparison.first,
+        signals=comparison.signals,
+        alone=comparison.alone,
+        changes=comparison.changes,
+        error=error,
+        bad_input=bad_input,
+    )
+
+
+def _where(failure: Exception) -> str:
+    """Where in somebody's class it failed."""
+    place = traceback.extract_tb((failure.__cause__ or failure).__traceback__)[-1]
+    return f" ({place.filename}, line {place.lineno})"

@@ -1,0 +1,172 @@
+"""Which ECUs of a log are to be run again, as which class, and what a person must know of the log first."""
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+
+from bench.bus.codec import DBC_DIR, Codec, load_codecs
+from bench.bus.topic import CYCLE_MS
+from bench.conductor.seats import Seat
+from bench.conductor.stage import BY_HAND
+from bench.ecu.main import DEFAULT_ECUS, load_classes, sends_of
+from bench.errors import BadInput, RunFailed
+from bench.record.reader import Run
+from bench.resim.history import History, read_history
+from bench.resim.job import Job
+from bench.resim.recording import EcuLog, read_buses
+from bench.resim.tolerance import parse
+
+_NAME = re.compile(r"veh[1-9][0-9]?\.(planner|tracker)")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be done with a log.
+
+    Attributes:
+        run: the log.
+        codecs: codec of every bus.
+        jobs: the ECUs, in their order.
+        specs: class of each of the run's ECUs, by name, also of those that are not run again.
+        realtime: whether the wall clock paced the run.
+        notes: what a person must know of the log, a sentence each.
+    """
+
+    run: Run
+    codecs: Mapping[str, Codec]
+    jobs: tuple[Job, ...]
+    specs: Mapping[str, str]
+    realtime: bool
+    notes: tuple[str, ...]
+
+
+def make_plan(
+    run: Run, names: Sequence[str], *, every: bool = False, classes: Sequence[str] = (), tolerances: Sequence[str] = ()
+) -> Plan:
+    """Find out what is to be done.
+
+    Args:
+        run: the log.
+        names: of the ECUs to run again: `veh2.tracker`.
+        every: all ECUs of the log.
+        classes: other classes for them: `tracker=my.py:Mine`, or without the role where all of `names` have one.
+        tolerances: what frames may differ by, see `bench.resim.tolerance.parse`.
+
+    Raises:
+        BadInput: no run's log, no such ECU or class, or the log was made with a class that is not the bench's own and
+            none is given.
+        RunFailed: a named ECU never ran in the log.
+    """
+    scenario = run.scenario
+    vehicles = len(scenario.vehicles)
+    codecs = load_codecs(vehicles)
+    seats = {seat.name: seat for seat in (Seat(role, n + 1) for n in range(vehicles) for role in DEFAULT_ECUS)}
+    chosen = _chosen(run, names, seats, every=every)
+    given = _given_classes(classes, chosen)
+    specs = {name: given.get(seat.role, DEFAULT_ECUS[seat.role]) for name, seat in seats.items()}
+    notes = [note for seat in chosen if (note := _class_note(run, seat, given))]
+    sent = [topic for seat in chosen for topic in sends_of(seat.role, seat.vehicle, codecs)]
+    tolerance = parse(tolerances, {topic.message: codecs[topic.bus] for topic in sent})
+    history = read_history(run)
+    load_classes(dict.fromkeys(specs[seat.name] for seat in chosen))
+    buses = read_buses(run, codecs, scenario.cycles)
+    completed = run.result.get("status") == "completed"
+    cycles = scenario.cycles if completed else None
+    jobs = []
+    for seat in chosen:
+        ended = history.ended.get(seat.name)
+        log = EcuLog(seat, buses, codecs, history.faults, cycles=cycles, until=ended)
+        jobs.append(Job(log, specs[seat.name], scenario, history.faults, tolerance))
+    realtime = any(job.log.realtime for job in jobs)
+    notes += _notes(run, history, jobs, realtime=realtime)
+    return Plan(run, codecs, tuple(jobs), specs, realtime, tuple(notes))
+
+
+def _chosen(run: Run, names: Sequence[str], seats: Mapping[str, Seat], *, every: bool) -> list[Seat]:
+    for name in names:
+        if not _NAME.fullmatch(name):
+            raise BadInput(f"--ecu {name}: want the name of an ECU; this log's are {', '.join(seats)}")
+        if name not in seats:
+            raise RunFailed(f"{name} never ran in {run.path}; its ECUs are {', '.join(seats)}")
+    if every:
+        return list(seats.values())
+    if not names:
+        raise BadInput(f"give --all, or --ecu with one of {', '.join(seats)}")
+    return [seats[name] for name in dict.fromkeys(names)]
+
+
+def _given_classes(classes: Sequence[str], chosen: Sequence[Seat]) -> dict[str, str]:
+    roles = list(dict.fromkeys(seat.role for seat in chosen))
+    found = {}
+    for text in classes:
+        role, equals, spec = text.partition("=")
+        if not equals and len(roles) == 1:
+            role, spec = roles[0], text
+        if role not in roles or not spec:
+            raise BadInput(f"--class {text}: want ROLE=CLASS with a role of {', '.join(roles)}")
+        found[role] = spec
+    return found
+
+
+def _class_note(run: Run, seat: Seat, given: Mapping[str, str]) -> str:
+    """Say where the class that ran is another than the one that is to be run.
+
+    Raises:
+        BadInput: it is not the bench's own, and nobody has said which to take.
+    """
+    own = DEFAULT_ECUS[seat.role]
+    ran = run.metadata.get(f"ecu {seat.name}") or run.metadata.get(f"ecu {seat.role}", own)
+    now = given.get(seat.role, own)
+    if ran == now:
+        return ""
+    if seat.role not in given and ran != BY_HAND:
+        raise BadInput(
+            f"{run.path}: {seat.name} ran as {ran}; give --class {seat.role}={ran} for that one (where the file is "
+            f"there and you trust it), or --class {seat.role}={own} for the bench's own"
+        )
+    how = f"was {BY_HAND}" if ran == BY_HAND else f"ran as {ran}"
+    return f"{seat.name} {how}, and is {now} here"
+
+
+def _notes(run: Run, history: History, jobs: Sequence[Job], *, realtime: bool) -> list[str]:
+    notes = []
+    if realtime:
+        notes.append(
+            "a real-time log: in each cycle of which it has a frame of an ECU, that ECU is given what was received "
+            "before that step began; what came at that very moment may be on the wrong side, and make a difference"
+        )
+    if history.untold:
+        notes.append(
+            f"{history.untold} faults were typed into the running bench that this log does not hold; from there on "
+            "ECUs may send something else on account of them"
+        )
+    if realtime and len(history.faults) > len(run.scenario.faults):
+        notes.append("faults were typed into the running bench: in real time each ECU heard of them in its own time")
+    for name in ("vehicle.dbc", "v2v.dbc"):
+        attached = run.attachments.get(name)
+        if attached is not None and attached != (DBC_DIR / name).read_bytes():
+            notes.append(f"{name} has changed since this log was made: the same values may be other bytes")
+    lost = run.result.get("frames_lost", "0")
+    if lost != "0":
+        notes.append(f"{lost} frames were lost in this run: who lost them cannot have answered to them")
+    cut = min((job.log.end for job in jobs if not job.log.whole), default=None)
+    if cut is not None:
+        notes.append(f"the log is not whole: compared up to {cut * CYCLE_MS / 1000:.2f} s")
+    failed = {job.name: history.ended[job.name] for job in jobs if job.name in history.ended}
+    notes += [
+        f"{name} failed in the run, compared up to there: {cycle * CYCLE_MS / 1000:.2f} s"
+        for name, cycle in failed.items()
+    ]
+    notes += [f"{name} {then} in the log's run, {now} here" for name, then, now in _versions(run) if then != now]
+    return notes
+
+
+def _versions(run: Run) -> list[tuple[str, str, str]]:
+    """Name, version in the run and version here of the packages that calculate."""
+    found = []
+    for name in ("numpy", "numba", "clarabel"):
+        then = run.metadata.get(f"version {name}")
+        if then:
+            found.append((name, then, metadata.version(name)))
+    return found

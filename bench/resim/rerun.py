@@ -1,0 +1,197 @@
+"""Runs one ECU in this process on the frames that a log has for it, with the log's clock.
+
+The ECU sits in the same node as in a run, on the links of `--can direct`, with the run's faults: those of frames on
+their way hit what it sends, and where the run crashed or stopped it, this does too.
+
+In lockstep it is given the frames of a cycle and steps, as it did then. In real time it stepped when its inputs were
+there or its wait for them was over; when that was, and which cycles it missed, only the log tells: in each cycle of
+which the log has a frame of it, it is given what had been received before that step, and before the next cycle began,
+and steps with that. To the microsecond that is not known, so a frame that came just then may be on the wrong side.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from bench.bus.direct import DirectLink, Hub
+from bench.bus.fault_plan import FaultPlan
+from bench.bus.node import Node
+from bench.bus.outbox import is_off
+from bench.bus.ties import Truth
+from bench.bus.topic import CYCLE_MS, Topic
+from bench.conductor.direct import DirectCrew
+from bench.conductor.interrupts import Interrupts
+from bench.conductor.outages import Outages
+from bench.conductor.realtime import SETTLE_CYCLES
+from bench.ecu.main import load_class, sends_of
+from bench.ecu.runtime import EcuNode
+from bench.faults import EcuCrash, EcuHang, Fault
+from bench.resim.realtime_log import Feed, Naming
+from bench.resim.recording import EcuLog, Frame
+from bench.resim.witness import Witness
+from bench.scenario import Scenario
+
+
+@dataclass(frozen=True)
+class Step:
+    """What the log and the ECU have in one cycle.
+
+    Attributes:
+        cycle: its number.
+        logged: what the ECU sent then.
+        sent: what it sends now.
+    """
+
+    cycle: int
+    logged: Sequence[Frame]
+    sent: Sequence[Frame]
+
+
+class Rerun:
+    """One ECU on its log; iterating over it makes it go. A context manager.
+
+    Attributes:
+        witness: the ECU as it is now; after a crash another one.
+        steps: how many steps it has done.
+    """
+
+    def __init__(self, log: EcuLog, spec: str, scenario: Scenario, faults: Sequence[Fault]) -> None:
+        """Put the ECU on its links.
+
+        Args:
+            log: what it saw.
+            spec: its class, as `bench.ecu.main.load_class` takes it.
+            scenario: that of the run.
+            faults: all faults of the run, in the order that chance knows them by.
+
+        Raises:
+            BadInput: the class cannot be loaded or takes what is not on its buses.
+        """
+        self._log = log
+        self._class = load_class(spec)
+        self._scenario = scenario
+        self._plan = FaultPlan(faults, scenario.seed)
+        self._hub = Hub()
+        self._links = {bus: DirectLink(bus, self._hub) for bus in log.codecs}
+        self._sent: list[Frame] = []
+        self._now_s = 0.0
+        self._witnesses: list[Witness] = []
+        self._stack = ExitStack()
+        name = log.seat.name
+        mine = [fault for fault in faults if isinstance(fault, EcuCrash | EcuHang) and fault.ecu == name]
+        self._outages = Outages(FaultPlan(mine))
+        interrupts = self._stack.enter_context(Interrupts())
+        self._crew = DirectCrew([], [name], self._make, self._links, self, interrupts)
+        self._fresh = False
+
+    def __enter__(self) -> "Rerun":
+        """Return itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Give the signals back."""
+        self._stack.close()
+
+    @property
+    def steps(self) -> int:
+        """See the class."""
+        return sum(witness.steps for witness in self._witnesses)
+
+    @property
+    def witness(self) -> Witness:
+        """See the class."""
+        return self._witnesses[-1]
+
+    def __iter__(self) -> Iterator[Step]:
+        """Give every cycle after it has been run.
+
+        Raises:
+            RunFailed: the ECU failed.
+            BadInput: it sends on a bus it is not on.
+        """
+        return self._realtime() if self._log.realtime else self._lockstep()
+
+    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+        """See `bench.conductor.crew.Listener`."""
+        self._sent += [(bus, can_id, data) for can_id, data in frames]
+
+    def truth(self, row: Truth) -> None:
+        """See `bench.conductor.crew.Listener`; no ECU has any."""
+
+    def words(self, name: str, text: str) -> None:
+        """See `bench.conductor.crew.Listener`; what an ECU in this process says goes to this process's output."""
+
+    def _make(self, _name: str) -> tuple[Node, tuple[Topic, ...]]:
+        seat, codecs = self._log.seat, self._log.codecs
+        self._fresh = True
+        witness = Witness(self._class(seat.vehicle, self._scenario))
+        self._witnesses.append(witness)
+        links = {bus: DirectLink(bus, self._hub) for bus in codecs}
+        sends = sends_of(seat.role, seat.vehicle, codecs)
+        node = EcuNode(seat.name, witness, links, codecs, sends, self._plan, clock=lambda: self._now_s)
+        return node, witness.inputs
+
+    def _work(self) -> list[Frame]:
+        """Let the ECU do what it can, and return what it sends."""
+        while self._crew.attend(0.0):
+            pass
+        sent, self._sent = self._sent, []
+        return sent
+
+    def _lockstep(self) -> Iterator[Step]:
+        for cycle in range(self._log.end):
+            self._outages.apply(cycle, self._crew)
+            away = bool(self._outages.absent)
+            logged = []
+            for frame in self._log.cycle(cycle):
+                # While it is away, it is the conductor that announces its frames as absent.
+                if self._log.is_own(frame) and not (away and self._log.absent(frame) is not None):
+                    logged.append(frame)
+                else:
+                    self._links[frame[0]].send(*frame[1:])
+            yield Step(cycle, logged, self._work())
+
+    def _realtime(self) -> Iterator[Step]:
+        feed, naming = Feed(self._log), Naming(self._log)
+        sent: dict[int, list[Frame]] = {}
+        for cycle in self._cycles_with_a_step(feed):
+            sent.setdefault(cycle, [])
+            for frame in self._step_in_time(feed, cycle):
+                sent.setdefault(naming.cycle_of(frame, cycle), []).append(frame)
+            # What comes later is no frame of those before any more.
+            for done in [number for number in sent if number < cycle - SETTLE_CYCLES]:
+                yield Step(done, feed.own(done), sent.pop(done))
+        for done, frames in sent.items():
+            yield Step(done, feed.own(done), frames)
+
+    def _cycles_with_a_step(self, feed: Feed) -> Iterator[int]:
+        """Give the cycles in which the ECU did a step, after the faults that begin or end there."""
+        prepared = 0
+        for cycle in range(self._log.end):
+            faults = self._plan.at(cycle)
+            # Of one that is off its bus nobody heard, but it went on.
+            unheard = any(is_off(self._log.seat.name, bus, faults) for bus in self._links)
+            if not unheard and not feed.own(cycle):
+                continue
+            for number in range(prepared, cycle + 1):
+                self._outages.apply(number, self._crew)
+            prepared = cycle + 1
+            if self._outages.absent:
+                # What it sent before it was stopped in this cycle.
+                continue
+            if self._fresh:
+                # It has been started while the run was under way, and listens from here on.
+                feed.skip_to(cycle)
+                self._fresh = False
+            yield cycle
+
+    def _step_in_time(self, feed: Feed, cycle: int) -> list[Frame]:
+        """Let the ECU do its step of a cycle with what had come by then, and return what it sends."""
+        for bus, can_id, data in feed.until(min(feed.step_began(cycle), feed.begun(cycle + 1))):
+            self._links[bus].send(can_id, data)
+        sent: list[Frame] = []
+        # First with the cycle just begun, then with its time for waiting over.
+        for now in (cycle, cycle + 1):
+            self._now_s = now * CYCLE_MS / 1000
+            sent += self._work()
+        return sent

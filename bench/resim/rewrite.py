@@ -1,0 +1,121 @@
+"""Writes a log as it would be with what ECUs send now: for `platoon diff`, `platoon report` and the rest.
+
+Only the frames of the ECUs that were run again are others. The vehicles do not know: what they did is what they did
+then, and so is what every other ECU answered. What processes took of the machine is left out.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from heapq import merge
+from pathlib import Path
+
+import numpy as np
+
+from bench.bus.timing import BusTimeline
+from bench.bus.topic import CYCLE_MS, Topic
+from bench.ecu.main import load_class
+from bench.record.can_frame import Frame
+from bench.record.reader import Run
+from bench.record.writer import RunWriter
+from bench.resim.comparison import Pair
+from bench.resim.job import Outcome
+from bench.resim.plan import Plan
+
+CYCLE_NS = CYCLE_MS * 1_000_000
+
+_FRAMES, _TRUTH, _EVENTS = range(3)
+"""What comes first of all that has one time."""
+
+_Writing = tuple[int, int, Callable[[], None]]
+"""Simulated time (ns), one of the above, and what writes it."""
+
+
+def write(plan: Plan, outcomes: Sequence[Outcome], out: Path, command_line: str) -> None:
+    """Write the log to `out`, which must not exist.
+
+    Raises:
+        BadInput: the log holds what cannot be read.
+        RunFailed: the file cannot be written.
+    """
+    run = plan.run
+    # A log that was cut down to what ECUs need has no truth.
+    truth_names = [name for name in run.truth(1) if name != "t"] if "/truth/veh1" in run.topics else []
+    vehicles = range(1, run.vehicles + 1) if truth_names else ()
+    units = {name: run.unit("/truth/veh1", name) for name in truth_names}
+    resimulated = ", ".join(f"{outcome.name} ({outcome.spec})" for outcome in outcomes)
+    head = {key: value for key, value in run.metadata.items() if key not in run.result}
+    with RunWriter(
+        out,
+        codecs=plan.codecs,
+        truth_names=truth_names,
+        vehicles=run.vehicles,
+        metadata={**head, "resimulated": resimulated, "resim_command_line": command_line},
+        attachments=run.attachments,
+        truth_units={name: unit for name, unit in units.items() if unit},
+        timeline=BusTimeline(plan.codecs, _inputs(plan), realtime=plan.realtime),
+    ) as writer:
+        streams = (
+            _frames(run, _changes(outcomes), writer),
+            *(_truth(run, vehicle, truth_names, writer) for vehicle in vehicles),
+            _events(run, writer),
+        )
+        for _, _, put in merge(*streams, key=lambda writing: writing[:2]):
+            put()
+        writer.close(run.result)
+
+
+def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
+    """What each ECU takes, which its frames wait for on the wire."""
+    found: dict[str, Sequence[Topic]] = {}
+    for name, spec in plan.specs.items():
+        vehicle = int(name.partition(".")[0].removeprefix("veh"))
+        found[name] = tuple(load_class(spec)(vehicle, plan.run.scenario).inputs)
+    return found
+
+
+def _changes(outcomes: Sequence[Outcome]) -> dict[int, list[Pair]]:
+    """What is to be changed, by cycle."""
+    changes: dict[int, list[Pair]] = defaultdict(list)
+    for outcome in outcomes:
+        for cycle, pairs in outcome.changes.items():
+            changes[cycle] += pairs
+    return changes
+
+
+def _frames(run: Run, changes: Mapping[int, list[Pair]], writer: RunWriter) -> Iterator[_Writing]:
+    for old in run.frames():
+        for frame in _changed(old, changes.get(old.time_ns // CYCLE_NS, [])):
+            put = partial(writer.frame, frame.bus, frame.time_ns, frame.can_id, frame.data, frame.receive_ns)
+            yield frame.time_ns, _FRAMES, put
+
+
+def _changed(frame: Frame, pairs: list[Pair]) -> Iterator[Frame]:
+    """Give what is to be in the place of a frame; those of `pairs` that are seen to in doing so are taken out."""
+    kept = True
+    for pair in [pair for pair in pairs if pair.bus == frame.bus]:
+        if pair.logged is None and pair.sent is not None:
+            # At once, as the cycle has at least a BenchSync on this bus.
+            pairs.remove(pair)
+            yield frame._replace(can_id=pair.can_id, data=pair.sent)
+        elif kept and (pair.can_id, pair.logged) == (frame.can_id, frame.data):
+            pairs.remove(pair)
+            kept = False
+            if pair.sent is not None:
+                yield frame._replace(data=pair.sent)
+    if kept:
+        yield frame
+
+
+def _truth(run: Run, vehicle: int, names: Sequence[str], writer: RunWriter) -> Iterator[_Writing]:
+    columns = run.truth(vehicle)
+    rows = np.column_stack([columns[name] for name in names])
+    for seconds, row in zip(columns["t"].tolist(), rows, strict=True):
+        time_ns = round(seconds * 1e9)
+        yield time_ns, _TRUTH, partial(writer.truth, vehicle, time_ns, row)
+
+
+def _events(run: Run, writer: RunWriter) -> Iterator[_Writing]:
+    for event in run.events:
+        time_ns = round(event.time_s * 1e9)
+        yield time_ns, _EVENTS, partial(writer.event, time_ns, event.level, event.source, event.text)

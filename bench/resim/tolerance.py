@@ -1,0 +1,86 @@
+"""How far a signal may be from what the log has: by default not at all."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from bench.bus.codec import Codec
+from bench.errors import BadInput
+
+CRC = "CRC"
+"""Follows from the rest of a frame, so where that may differ it may too."""
+
+_FLOAT_STEP = 2.0**-23
+"""Relative difference of two 32-bit floats next to each other."""
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What two frames of one message may differ by.
+
+    Attributes:
+        steps: allowed difference of any signal, in steps of its resolution (its scale in the DBC; of a float, that of
+            its size). States and counters must be equal.
+        signals: by message and signal the allowed difference in the signal's unit, which goes before `steps`.
+    """
+
+    steps: float = 0.0
+    signals: Mapping[tuple[str, str], float] = field(default_factory=dict)
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing may differ."""
+        return not self.steps and not self.signals
+
+    def allows(self, codec: Codec, message: str, signal: str, a: float, b: float) -> bool:
+        """Return whether two values of a signal are near enough to each other."""
+        if a == b or (a != a and b != b):
+            return True
+        if self.exact:
+            return False
+        if signal == CRC:
+            return True
+        known = next(each for each in codec.message(message).signals if each.name == signal)
+        given = self.signals.get((message, signal))
+        if given is not None:
+            return abs(a - b) <= given
+        if known.choices or signal == "AliveCounter":
+            return False
+        step = _FLOAT_STEP * max(abs(a), abs(b)) if known.is_float else abs(float(known.scale))
+        # Half a step more would be the next whole number of them.
+        return abs(a - b) <= (self.steps + 1e-6) * step
+
+
+def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
+    """Return the tolerance that was typed: STEPS for all signals, or MESSAGE.SIGNAL=VALUE.
+
+    Args:
+        texts: as they were typed.
+        messages: the messages that may be named, each with its bus's codec.
+
+    Raises:
+        BadInput: no such message or signal, or no number from 0.
+    """
+    steps, signals = 0.0, {}
+    for text in texts:
+        place, equals, value = text.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = -1.0
+        if not 0.0 <= number < float("inf"):
+            raise BadInput(f"--tolerance {text}: want a number from 0 on, or MESSAGE.SIGNAL=NUMBER")
+        if equals:
+            signals[_signal(text, place, messages)] = number
+        else:
+            steps = number
+    return Tolerance(steps, signals)
+
+
+def _signal(text: str, place: str, messages: Mapping[str, Codec]) -> tuple[str, str]:
+    message, _, signal = place.partition(".")
+    if message not in messages:
+        raise BadInput(f"--tolerance {text}: these ECUs send no {message!r}, but {', '.join(messages)}")
+    signals = list(messages[message].start_values(message))
+    if signal not in signals:
+        raise BadInput(f"--tolerance {text}: {message} has no signal {signal!r}; it has {', '.join(signals)}")
+    return message, signal

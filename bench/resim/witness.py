@@ -1,0 +1,34 @@
+"""An ECU under observation: what each of its steps was given."""
+
+from collections.abc import Mapping
+
+from bench.ecu.base import Ecu, Health, Outgoing, Signals, Topic
+from bench.ecu.runtime import INPUT_WAIT_S
+
+_KEPT = 8
+"""Steps that are remembered: as many as a frame may come late."""
+
+
+class Witness:
+    """Is the ECU it is given, and remembers its newest steps. See `bench.ecu.base.Ecu`.
+
+    Attributes:
+        steps: how many there have been.
+        seen: the inputs of the newest of them, by cycle.
+    """
+
+    def __init__(self, ecu: Ecu) -> None:
+        """Observe `ecu`."""
+        self._ecu = ecu
+        self.name = ecu.name
+        self.inputs: tuple[Topic, ...] = tuple(ecu.inputs)
+        self.input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
+        self.steps = 0
+        self.seen: dict[int, Mapping[Topic, Signals | None]] = {}
+
+    def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
+        """Let the ECU do its step."""
+        self.seen[cycle] = dict(inputs)
+        self.seen.pop(cycle - _KEPT, None)
+        self.steps += 1
+        return self._ecu.step(cycle, time_s, inputs, health)

@@ -1,0 +1,43 @@
+"""What a log tells of faults that were typed into the running bench."""
+
+import threading
+from pathlib import Path
+
+from bench.bus.address import Address
+from bench.conductor.fault_desk import ask
+from bench.conductor.run import run
+from bench.record.reader import Run
+from bench.resim.history import read_history
+from bench.scenario import load
+from tests.resim.conftest import rerun
+
+FAULT = {"kind": "frame_loss", "bus": "veh1", "message": "Reference", "probability": 0.5, "for_s": 0.2}
+CRASH = {"kind": "ecu_crash", "ecu": "veh2.tracker", "for_s": 0.1}
+
+
+def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
+    out = tmp_path / "typed-in.mcap"
+    answers: list[dict[str, object]] = []
+
+    def type_in() -> None:
+        answers.extend(ask("typed-in", fault) for fault in (FAULT, CRASH))
+
+    person = threading.Thread(target=type_in)
+
+    def on_progress(_time_s: float) -> None:
+        if not person.ident:
+            person.start()
+
+    scenario = load(
+        "formation", ["duration_s=0.6", "vehicles=[{x_m=8,y_m=0,speed_mps=20},{x_m=0,y_m=3.5,speed_mps=22}]"]
+    )
+    run(scenario, address=Address.parse("direct"), out=out, command_line=["test"], on_progress=on_progress)
+    person.join()
+    history = read_history(Run(out))
+    assert [fault.model_dump(mode="json") for fault in history.faults] == [answer["fault"] for answer in answers]
+    assert (history.untold, history.ended) == (0, {})
+    outcomes = rerun(out, tolerances=())
+    assert [outcome.name for outcome in outcomes if not outcome.same] == []
+    steps = {outcome.name: outcome.steps for outcome in outcomes}
+    assert steps.pop("veh2.tracker") == 50
+    assert set(steps.values()) == {60}

@@ -1,0 +1,70 @@
+"""ECUs run again on logs of the wall clock, made of a reference log with times of receipt of our own."""
+
+import pytest
+
+from bench.bus.codec import load_codecs
+from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
+from bench.bus.topic import Topic
+from bench.resim.text import describe
+from tests.resim.conftest import rerun
+
+CODECS = load_codecs(5)
+SYNC_ID, REFERENCE_ID = 0x10, 0x200
+CYCLE_NS = 10_000_000
+BEGAN_NS = 1_700_000_000_000_000_000
+ENDED_ID = 0
+"""Command of the BenchSync that ends a run."""
+
+
+def received(frame, late_ns=0):
+    """The frame of a real-time log: sensors come 0.3 ms into the cycle, planners send at 1 ms, trackers at 6 ms."""
+    sensors, planners, trackers = 300_000, 1_000_000, 6_000_000
+    can_id = frame.can_id
+    if can_id == SYNC_ID:
+        codec = CODECS[frame.bus]
+        values = codec.decode(can_id, frame.data)[1]
+        if values["Command"] != ENDED_ID:
+            command = {**values, "Command": RUN_REALTIME}
+            frame = frame._replace(data=codec.encode(BENCH_SYNC, command, frame.time_ns // CYCLE_NS)[1])
+        into_cycle = 0
+    elif frame.bus != "v2v" and can_id < REFERENCE_ID:
+        into_cycle = sensors
+    elif frame.bus != "v2v" and (0x300 <= can_id < 0x400 or 0x510 <= can_id < 0x520):
+        into_cycle = trackers
+    else:
+        into_cycle = planners
+    return frame._replace(receive_ns=BEGAN_NS + frame.time_ns + into_cycle + late_ns)
+
+
+def test_what_came_in_time_is_answered_with_the_same_bytes(reworked):
+    outcomes = rerun(reworked("five", lambda frame: [received(frame)]), "veh1.tracker", "veh2.planner")
+    for outcome in outcomes:
+        assert outcome.same, describe(outcome, CODECS)
+        assert (outcome.cycles, outcome.steps) == (100, 100)
+
+
+@pytest.mark.parametrize("late_ns", [4_900_000, 5_100_000])
+def test_what_came_after_a_step_was_no_input_of_it(reworked, late_ns):
+    def late(frame):
+        is_late = (frame.bus, frame.can_id, frame.time_ns) == ("veh1", REFERENCE_ID, 50 * CYCLE_NS)
+        return [received(frame, late_ns if is_late else 0)]
+
+    (outcome,) = rerun(reworked("five", late), "veh1.tracker")
+    if late_ns < 5_000_000:
+        assert outcome.same, describe(outcome, CODECS)
+        return
+    assert outcome.first is not None
+    assert outcome.first.cycle == 50
+    assert outcome.first.inputs is not None
+    missing = [topic for topic, signals in outcome.first.inputs.items() if signals is None]
+    assert missing == [Topic("veh1", "Reference")]
+
+
+def test_a_cycle_that_an_ecu_missed_is_left_out(reworked):
+    def miss(frame):
+        sent = frame.bus == "veh1" and (0x300 <= frame.can_id < 0x400 or 0x510 <= frame.can_id < 0x520)
+        return [] if sent and frame.time_ns == 99 * CYCLE_NS else [received(frame)]
+
+    (outcome,) = rerun(reworked("five", miss), "veh1.tracker")
+    assert outcome.same, describe(outcome, CODECS)
+    assert (outcome.cycles, outcome.steps) == (99, 99)
