@@ -47,6 +47,7 @@ class Watched:
             "without": [],
             "without_wait_s": GUARD_S,
             "file_limit": 0,
+            "realtime": False,
             "out": str(self.out),
         } | given
         paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]

@@ -27,6 +27,7 @@ def main() -> int:
             without_wait_s=given["without_wait_s"],
             on_waiting=lambda line: print(line, flush=True),  # noqa: T201 - the tests wait for it,
             silence_s=given["silence_s"],
+            realtime=given["realtime"],
         )
     except BenchError as error:
         sys.stderr.write(f"{error}\n")

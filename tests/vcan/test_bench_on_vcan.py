@@ -9,16 +9,19 @@ import time
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.kernel_links import lack_of_can
 from bench.bus.link import open_link
+from bench.cli import app
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS
 from bench.errors import RunFailed
 from bench.record.compare import diff
 from bench.record.reader import Run
+from bench.replay.order import in_order
 from bench.scenario import load
 
 SIMPLE_FILE = Path(__file__).parents[1] / "ecus" / "simple.py"
@@ -162,3 +165,19 @@ def test_a_link_that_goes_down_ends_the_run(tmp_path: Path) -> None:
     finally:
         subprocess.run(["ip", "link", "set", "vcan3", "up"], check=True)
     assert Run(tmp_path / "a.mcap").result["status"] == "failed"
+
+
+def test_a_replayed_log_is_on_the_links_again(tmp_path: Path) -> None:
+    """The frames of the run come a second time, without those of one ECU."""
+    recorded = log(tmp_path / "run.mcap", "direct", "duration_s=0.3")
+    codec = load_codecs(3)["veh2"]
+    own = [codec.can_id(name) for name in codec.names if codec.message(name).senders == ["Tracker"]]
+    wanted = [(f.can_id, f.data) for f in in_order(recorded.frames()) if f.bus == "veh2" and f.can_id not in own]
+    seen: list[tuple[int, bytes]] = []
+    with open_link("veh2", Address.parse("vcan")) as link:
+        options = ["--can", "vcan", "--without", "veh2.tracker", "--speed", "0.5"]
+        result = CliRunner().invoke(app, ["replay", str(recorded.path), *options])
+        while frames := link.receive():
+            seen += frames
+    assert result.exit_code == 0, result.output
+    assert seen == wanted

@@ -1,0 +1,1 @@
+"""A log's frames sent out again, with their timing."""

@@ -1,0 +1,34 @@
+"""Frames that a receive queue had no room for: nobody loses one without its being said."""
+
+import os
+import signal
+from pathlib import Path
+
+from bench.bus.address import Address
+from bench.bus.link import open_link
+from bench.record.reader import Run
+
+STRANGER = 0x7FE
+MANY = 40_000
+"""More than a queue of 8 MiB holds; the kernel counts some 800 bytes for each."""
+
+
+def test_what_a_full_receive_queue_drops_is_counted_logged_and_shown(start) -> None:
+    # Ports that no bench takes unasked, another one for each worker.
+    can = f"udp:{61000 + os.getpid() % 400 * 8}"
+    run = start(set=["duration_s=1.0"], can=can)
+    run.await_time(0.3)
+    pid = run.pid_of("veh2.tracker")
+    os.kill(pid, signal.SIGSTOP)
+    with open_link("veh2", Address.parse(can)) as link:
+        for _ in range(MANY):
+            link.send(STRANGER, bytes(8))
+    os.kill(pid, signal.SIGCONT)
+    code, _, errors = run.end()
+    assert (code, "Traceback" in errors) == (0, False), errors
+    log = Run(Path(run.out))
+    lost = log.signal("veh2", "TrackerBusHealth", "FramesLost")[1]
+    assert lost[0] == 0
+    assert lost[-1] > 1000
+    assert any(event.source == "veh2" and f"FramesLost {lost[-1]:g}" in event.text for event in log.events), log.events
+    assert int(log.result["frames_lost"]) >= lost[-1]
