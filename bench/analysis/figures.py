@@ -5,97 +5,38 @@ Figures 7 to 13 are those of the paper and bear its numbers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.analysis.boundary import margin, yaw_rate_max
 from bench.analysis.bus_load import BusLoad
-from bench.analysis.motion import Array, motion, rows_at, told
+from bench.analysis.figure import Curve, Figure, Line
+from bench.analysis.motion import Array, rows_at
 from bench.analysis.requirements import LEAST_DISTANCE_M
+from bench.analysis.series import Pool, Series, Span
 from bench.analysis.timing import histograms, timing
 from bench.bus.topic import V2V
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
 
-MAX_POINTS = 2400
-"""A curve of more samples is thinned out to at most this many."""
+NOTHING_YET = (0.0, 0.0)
+"""The span of a run that has not begun: all its figures, their columns empty."""
 
 _ALL_PAIRS_UP_TO = 4
 _WHEELS = ("FL", "FR", "RL", "RR")
 _PAPER_BOUNDARY_FIGURES = {1: "Fig. 11", 2: "Fig. 12", 3: "Fig. 13"}
 
 
-@dataclass(frozen=True)
-class Curve:
-    """One curve.
+def pool_of(run: Run, span: Span) -> Pool:
+    """Return what a span of a run that goes on adds to the columns that its figures begin with at `NOTHING_YET`.
 
-    Attributes:
-        name: as the legend shows it; curves of one name are shown and hidden together.
-        x, y: keys of its values in the pool.
-        colour: `#rrggbb`, or `limit` or `ink` for the page's own.
-        dash: whether it is dashed.
-        at: key of the time of each point, for the time cursor; empty for a curve that has no times.
-        step: whether values hold until the next point.
-        points: whether the values are dots and not joined.
-        fill: whether the area down to zero is filled.
+    Raises:
+        BadInput: the log has no scenario, or no truth of all vehicles at one time.
     """
-
-    name: str
-    x: str
-    y: str
-    colour: str
-    dash: bool = False
-    at: str = "t"
-    step: bool = False
-    fill: bool = False
-    points: bool = False
-
-
-@dataclass(frozen=True)
-class Line:
-    """A level across a figure: value of y, name, and whether it is a limit (else a goal)."""
-
-    y: float
-    name: str = ""
-    limit: bool = False
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One figure.
-
-    Attributes:
-        id: for links.
-        title, caption: caption may be empty.
-        group: heading it stands under.
-        x_label, y_label: with unit.
-        curves, lines: what is drawn.
-        time: whether x is the run's time, so that it zooms and moves with the other figures.
-        wide: whether it takes the page's whole width.
-        y_range: least range of y; empty for none.
-        y_top: where y ends, though curves go on; None for the curves' own end.
-        x_range: range of x; empty for that of the data.
-        lanes: Y of lane markings and whether each is solid, for a figure of the road.
-    """
-
-    id: str
-    title: str
-    group: str
-    x_label: str
-    y_label: str
-    curves: list[Curve]
-    caption: str = ""
-    lines: list[Line] = field(default_factory=list)
-    time: bool = True
-    wide: bool = False
-    y_range: list[float] = field(default_factory=list)
-    y_top: float | None = None
-    x_range: list[float] = field(default_factory=list)
-    lanes: list[tuple[float, bool]] = field(default_factory=list)
+    return Figures(run, span=span).columns
 
 
 class Figures:
@@ -103,31 +44,45 @@ class Figures:
 
     Attributes:
         figures: in the order of the page.
-        pool: key -> values; `t` is time in s.
     """
 
-    def __init__(self, run: Run, buses: Sequence[BusLoad] = ()) -> None:
+    def __init__(self, run: Run, buses: Sequence[BusLoad] = (), span: Span | None = None) -> None:
         """Make the figures of `run`, and of what is known of its buses.
+
+        With `span` they are those of a run that goes on: only what can be told from a piece of the run, their values
+        those of the span.
 
         Raises:
             BadInput: the log has no truth or no scenario.
         """
         self._run = run
-        self._truth = motion(run)
+        self._series = Series(run, span)
+        self._truth = self._series.truth
         self._scenario = run.scenario
-        self._stride = -(-len(self._truth.t) // MAX_POINTS)
         self._vehicles = range(1, run.vehicles + 1)
-        self.pool: dict[str, list[float | None]] = {}
         self.figures: list[Figure] = []
-        self._put("t", self._truth.t)
+        self._series.put("t", self._truth.t)
         self._paper_figures()
         self._more_of_the_motion()
+        self._seen_from_above()
         self._commands()
         self._estimates()
         self._flocking()
         self._solvers()
-        self._real_time()
+        if not self._series.live:
+            self._histogram(_SOLVERS)
+            self._real_time()
         self._buses(buses)
+
+    @property
+    def pool(self) -> Pool:
+        """Key -> values; `t` is time in s."""
+        return self._series.pool
+
+    @property
+    def columns(self) -> Pool:
+        """That part of the pool which is over the run's time: columns of one length."""
+        return {key: self.pool[key] for key in self._series.over_time}
 
     def as_dict(self) -> dict[str, Any]:
         """Return figures and pool as values that JSON takes."""
@@ -144,7 +99,7 @@ class Figures:
                 "gamma": truth.gamma,
             }
             for name, rows in values.items():
-                self._put(f"{v}.{name}", rows[index])
+                self._series.put(f"{v}.{name}", rows[index])
         lanes = sorted({goal.lane_y_m, *(vehicle.y_m for vehicle in self._scenario.vehicles)})
         group = "The paper's figures"
         self._add(
@@ -177,14 +132,18 @@ class Figures:
     def _boundary_figure(self, v: int, group: str) -> None:
         """The yaw rate over the speed of vehicle `v` within its stability boundary."""
         truth, index = self._truth, v - 1
-        low, high = float(truth.v_x[index].min()), float(truth.v_x[index].max())
+        if self._series.live:
+            ends = (self._scenario.vehicles[index].speed_mps, self._scenario.platoon.speed_mps)
+            low, high, mu = min(ends), max(ends), self._scenario.planner.adhesion
+        else:
+            low, high = float(truth.v_x[index].min()), float(truth.v_x[index].max())
+            mu = float(truth.mu[index].min())
         spare = max(0.5, 2.0 - (high - low) / 2.0)
         speeds = np.linspace(max(1.0, low - spare), high + spare, 60)
-        mu = float(truth.mu[index].min())
         limit = yaw_rate_max(speeds, mu)
-        self._put_as_is(f"{v}.limit_v", speeds)
-        self._put_as_is(f"{v}.limit_up", limit)
-        self._put_as_is(f"{v}.limit_down", -limit)
+        self._series.put_as_is(f"{v}.limit_v", speeds)
+        self._series.put_as_is(f"{v}.limit_up", limit)
+        self._series.put_as_is(f"{v}.limit_down", -limit)
         number = _PAPER_BOUNDARY_FIGURES.get(v, "As Fig. 11")
         curves = [
             Curve("boundary", f"{v}.limit_v", f"{v}.limit_up", "limit", at=""),
@@ -222,8 +181,8 @@ class Figures:
                 )
             )
         for index, v in enumerate(self._vehicles):
-            self._put(f"{v}.lateral", truth.Y[index] - goal.lane_y_m)
-            self._put(f"{v}.margin", margin(truth.gamma[index], truth.v_x[index], truth.mu[index]))
+            self._series.put(f"{v}.lateral", truth.Y[index] - goal.lane_y_m)
+            self._series.put(f"{v}.margin", margin(truth.gamma[index], truth.v_x[index], truth.mu[index]))
         lateral = [self._curve(v, "t", f"{v}.lateral") for v in self._vehicles]
         self._add(
             self._over_time("lateral", "Offset from the platoon's lane", group, "Y − Y_lane [m]", lateral, [Line(0.0)])
@@ -254,14 +213,23 @@ class Figures:
             for index, (i, j) in enumerate(others, start=len(neighbours) + 1):
                 curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=True))
         else:
-            self._put("distance.least", np.min(list(distances.values()), axis=0))
+            self._series.put("distance.least", np.min(list(distances.values()), axis=0))
             curves.append(Curve("least of all pairs", "t", "distance.least", "ink", dash=True))
         return curves
 
     def _distance_curve(self, i: int, j: int, values: Array, line_colour: str, *, dash: bool) -> Curve:
         key = f"distance.{i + 1}-{j + 1}"
-        self._put(key, values)
+        self._series.put(key, values)
         return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
+
+    def _seen_from_above(self) -> None:
+        """What only the animation shows: where each vehicle steers, and where its planner wants it to be."""
+        for v in self._vehicles:
+            steering = self._series.true(v, "steering_angle")
+            if steering is not None:
+                self._series.put(f"{v}.steering", steering)
+            for axis in "XY":
+                self._put_signal(f"{v}.target.{axis}", v, "PlannerTarget", f"Target{axis}")
 
     def _commands(self) -> None:
         group = "Commands"
@@ -303,7 +271,7 @@ class Figures:
             self._add_if(self._over_time(f"flock{solid}", title, group, f"value [{unit}]", curves, y_range=[0.0, 1.0]))
 
     def _solvers(self) -> None:
-        group = "Solver and computing time"
+        group = _SOLVERS
         timings = (
             ("TrackerTiming", "SolveTime", "Tracker: time of the SDP"),
             ("TrackerTiming", "StepTime", "Tracker: time of the whole step"),
@@ -313,7 +281,6 @@ class Figures:
             curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
             if curves:
                 self._add(self._timing(f"{message}{signal}".lower(), title, group, curves))
-        self._histogram(group)
         iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
         self._add_if(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
         tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
@@ -330,7 +297,7 @@ class Figures:
 
     def _histogram(self, group: str) -> None:
         """How the times of the tracker's solves are distributed, all vehicles together."""
-        found = [self._signal(v, "TrackerTiming", "SolveTime") for v in self._vehicles]
+        found = [self._series.signal(v, "TrackerTiming", "SolveTime") for v in self._vehicles]
         times = np.concatenate([values for values in found if values is not None] or [np.empty(0)]) * 1e-3
         times = times[np.isfinite(times) & (times > 0)]
         if not len(times):
@@ -338,8 +305,8 @@ class Figures:
         # Rare long solves would squeeze all others into one bar; they are counted in the last one.
         top = float(np.percentile(times, 99.5))
         counts, edges = np.histogram(np.minimum(times, top), bins=60)
-        self._put_as_is("hist.x", edges)
-        self._put_as_is("hist.y", np.append(counts, counts[-1]).astype(np.float64))
+        self._series.put_as_is("hist.x", edges)
+        self._series.put_as_is("hist.y", np.append(counts, counts[-1]).astype(np.float64))
         self._add(
             Figure(
                 "histogram",
@@ -360,7 +327,7 @@ class Figures:
         if times is None:
             return
         found = histograms(times)
-        self._put_as_is("rt.x", np.array(found["edges_ms"]))
+        self._series.put_as_is("rt.x", np.array(found["edges_ms"]))
         for role in ("planner", "tracker", "plant"):
             nodes = [node for node in found["nodes"] if node["name"].endswith(f".{role}")]
             curves = [
@@ -376,7 +343,7 @@ class Figures:
         self._real_time_figure("clock", "How late the clock was", [late], caption)
 
     def _counted(self, name: str, counts: Sequence[int], line_colour: str) -> Curve:
-        self._put_as_is(f"rt.{name}", np.array([*counts, counts[-1]], np.float64))
+        self._series.put_as_is(f"rt.{name}", np.array([*counts, counts[-1]], np.float64))
         return Curve(name, "rt.x", f"rt.{name}", line_colour, at="", step=True)
 
     def _real_time_figure(self, name: str, title: str, curves: list[Curve], caption: str) -> None:
@@ -390,7 +357,7 @@ class Figures:
             values = np.full(len(self._truth.t), np.nan)
             rows, at = rows_at(bus.t, self._truth.t)
             values[at] = 100.0 * bus.load[rows]
-            self._put(f"load.{bus.bus}", values, peak=True)
+            self._series.put(f"load.{bus.bus}", values, peak=True)
             line_colour = "ink" if bus.bus == V2V else colour(int(bus.bus.removeprefix("veh")))
             curves.append(Curve(bus.bus, "t", f"load.{bus.bus}", line_colour, dash=bus.bus == V2V, step=True))
         lines = [Line(100.0, "full", limit=True)] if max((bus.worst for bus in buses), default=0.0) > 0.8 else []
@@ -420,7 +387,9 @@ class Figures:
     ) -> list[Curve]:
         """Return the curve of a signal for each vehicle that has it."""
         have = [
-            v for v in self._vehicles if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak)
+            v
+            for v in self._vehicles
+            if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak, hold=step)
         ]
         return [self._curve(v, "t", f"{v}.{key}", dash=dash, step=step, points=points) for v in have]
 
@@ -448,45 +417,23 @@ class Figures:
         if figure.curves:
             self._add(figure)
 
-    def _signal(self, v: int, message: str, signal: str) -> Array | None:
-        """Return a signal at the truth's times, NaN where it is missing; None where it was not recorded."""
-        columns = told(self._run, v, message)
-        if columns is None:
-            return None
-        rows, at = rows_at(columns["t"], self._truth.t)
-        values = np.full(len(self._truth.t), np.nan)
-        values[at] = columns[signal][rows]
-        return values
-
     def _put_signal(
-        self, key: str, v: int, message: str, signal: str, *, factor: float = 1.0, peak: bool = False
+        self,
+        key: str,
+        v: int,
+        message: str,
+        signal: str,
+        *,
+        factor: float = 1.0,
+        peak: bool = False,
+        hold: bool = False,
     ) -> bool:
-        values = self._signal(v, message, signal)
+        values = self._series.signal(v, message, signal, hold=hold)
         if values is None:
             return False
-        self._put(key, values * factor, peak=peak)
+        self._series.put(key, values * factor, peak=peak)
         return True
 
-    def _put(self, key: str, values: Array, *, peak: bool = False) -> None:
-        """Put values over the run's time into the pool, thinned; of each group the first, or the largest if `peak`."""
-        self._put_as_is(key, _peaks(values, self._stride) if peak else values[:: self._stride])
 
-    def _put_as_is(self, key: str, values: npt.NDArray[Any]) -> None:
-        self.pool[key] = list(_short(values))
-
-
+_SOLVERS = "Solver and computing time"
 _DASHED = "Dashed: the reference of the same cycle."
-
-
-def _peaks(values: Array, stride: int) -> Array:
-    if stride == 1:
-        return values
-    padded = np.append(values, np.full(-len(values) % stride, -np.inf)).reshape(-1, stride)
-    peaks: Array = np.fmax.reduce(padded, axis=1)
-    return peaks
-
-
-def _short(values: Iterable[float]) -> Iterable[float | None]:
-    """Give numbers with six digits, as many as a screen can show; None for what is not finite."""
-    for value in values:
-        yield float(f"{value:.6g}") if np.isfinite(value) else None

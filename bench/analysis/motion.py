@@ -62,12 +62,14 @@ def motion(run: Run) -> Motion:
     truths = [run.truth(vehicle) for vehicle in range(1, run.vehicles + 1)]
     # Time in ns as whole numbers, so that equal times are equal.
     stamps = [np.rint(truth["t"] * 1e9).astype(np.int64) for truth in truths]
-    common = stamps[0]
+    common = np.unique(stamps[0])
     for stamp in stamps[1:]:
         common = np.intersect1d(common, stamp)
     if not len(common):
         raise BadInput(f"{run.path} has no truth of all {run.vehicles} vehicles at one time: the run ended at once")
-    rows = [np.searchsorted(stamp, common) for stamp in stamps]
+    # A damaged log may have a time twice, or times out of their order.
+    firsts = [np.unique(stamp, return_index=True) for stamp in stamps]
+    rows = [first[np.searchsorted(times, common)] for times, first in firsts]
 
     def stacked(name: str) -> Array:
         return np.stack([np.asarray(truth[name])[row] for truth, row in zip(truths, rows, strict=True)])

@@ -1,33 +1,40 @@
-"""The report of a run: one HTML file that holds everything and loads nothing."""
+"""The report of a run, or of two: one HTML file that holds everything and loads nothing.
+
+The page's script is written in pieces, `page/*.js`, which are put into it one after the other.
+"""
 
 from __future__ import annotations
 
 import html
 import json
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
-from bench.analysis import requirements
-from bench.analysis.bus_load import BusLoad, bus_loads
+from bench.analysis.bus_load import bus_loads
 from bench.analysis.bus_strip import strip
-from bench.analysis.figures import Figures
+from bench.analysis.differences import figures_of
 from bench.analysis.metrics import compute
+from bench.analysis.page_data import PageData, live_data, page_data
 from bench.analysis.picture import snapshots
-from bench.bus.base import EXTENDED
+from bench.analysis.two_runs import together
 from bench.output_paths import write_report
 from bench.record import Run
+from bench.record.compare import SignalDifference
 
-_MAX_EVENTS = 500
+SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "animation", "player", "tables", "page")
+"""The pieces of the script, each of which uses only those before it when the page is loaded."""
+
+LIVE_SCRIPTS = ("live",)
 
 
-def write(run: Run, out: Path) -> None:
-    """Write the report of `run` to `out`, over what is there.
+def write(run: Run, out: Path, other: Run | None = None) -> None:
+    """Write the report of `run` to `out`, over what is there; laid over it `other`, where one is given.
 
     Raises:
-        BadInput: the log has no truth or no scenario, or the file cannot be written.
+        BadInput: a log has no truth or no scenario, or the file cannot be written.
     """
-    write_report(out, render(run))
+    write_report(out, render(run) if other is None else render_both(run, other))
 
 
 def render(run: Run) -> str:
@@ -37,13 +44,60 @@ def render(run: Run) -> str:
         BadInput: the log has no truth or no scenario.
     """
     buses = bus_loads(run)
-    data = _data(run, buses)
+    data = page_data(run, buses)
+    return _page(data, f"platoon: {data['scenario']}", _figure(snapshots(run)), strip(buses) if buses else "")
+
+
+def write_difference(a: Run, b: Run, signals: Sequence[SignalDifference], out: Path) -> None:
+    """Write the report of two runs laid over each other to `out`, the signals that differ before all else.
+
+    Raises:
+        BadInput: a log has no truth or no scenario, or the file cannot be written.
+    """
+    write_report(out, render_both(a, b, signals))
+
+
+def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str:
+    """Return the report of two runs laid over each other, `a` solid and `b` dashed, as HTML.
+
+    Args:
+        a: the first run.
+        b: the second one.
+        signals: what differs, in the order in which it begins to; figures of it come first.
+
+    Raises:
+        BadInput: a log has no truth or no scenario.
+    """
+    buses = bus_loads(a)
+    data = together(page_data(a, buses), page_data(b), (compute(a), compute(b)))
+    figures, pool = figures_of(signals, a, b)
+    data |= {"figures": figures + data["figures"], "pool": data["pool"] | pool}
+    title = f"platoon: {data['scenario']} and {data['other']['scenario']}"
+    pictures = _figure(snapshots(a), "A") + _figure(snapshots(b), "B")
+    return _page(data, title, pictures, strip(buses) if buses else "")
+
+
+def render_live(run: Run) -> str:
+    """Return the page of a run that goes on, which a server has to feed; see `page/live.js`.
+
+    Only what a log has from its beginning is asked of `run`.
+
+    Raises:
+        BadInput: the log has no scenario.
+    """
+    data = live_data(run)
+    return _page(data, f"platoon: {data['scenario']}", "", "", live=True)
+
+
+def _page(data: PageData, title: str, pictures: str, buses: str, *, live: bool = False) -> str:
+    scripts = SCRIPTS[:-1] + LIVE_SCRIPTS + SCRIPTS[-1:] if live else SCRIPTS
     parts = {
-        "TITLE": html.escape(f"platoon: {data['scenario']}"),
+        "TITLE": html.escape(title),
+        "CONNECT": " connect-src 'self';" if live else "",
         "STYLE": _asset("page.css"),
-        "SCRIPT": _asset("page.js"),
-        "PICTURE": snapshots(run),
-        "BUSES": strip(buses) if buses else "",
+        "SCRIPT": "\n".join(_asset(f"{name}.js") for name in scripts),
+        "PICTURES": pictures,
+        "BUSES": buses,
         # No text of the log may end or begin an element inside the one that holds the data.
         "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
@@ -53,51 +107,9 @@ def render(run: Run) -> str:
     return page
 
 
-def _data(run: Run, buses: list[BusLoad]) -> dict[str, Any]:
-    metrics, scenario = compute(run), run.scenario
-    rows = requirements.table(metrics, scenario)
-    return {
-        "scenario": scenario.name,
-        "description": scenario.description,
-        "formed": metrics.formed,
-        "formation_time": metrics.formation_time_s,
-        "complete": metrics.complete,
-        "status": run.result.get("status", "cut off"),
-        "damage": run.damage,
-        "metrics": [[row.name, row.value, row.requirement, row.met, row.of_machine] for row in rows],
-        "facts": [[name, value] for name, value in run.metadata.items() if value],
-        "toml": run.scenario_text,
-        "events": [[event.time_s, event.level, event.source, event.text] for event in run.events[:_MAX_EVENTS]],
-        "more_events": max(0, len(run.events) - _MAX_EVENTS),
-        "buses": [_bus(bus) for bus in buses],
-        **Figures(run, buses).as_dict(),
-    }
-
-
-def _bus(bus: BusLoad) -> dict[str, Any]:
-    """A bus as values that JSON takes: shares, s; a message is a row, times in ms."""
-    return {
-        "bus": bus.bus,
-        "bit_rate": bus.bit_rate,
-        "mean": bus.mean,
-        "worst": bus.worst,
-        "worst_at": bus.worst_at_s,
-        "most": bus.most,
-        "messages": [
-            [
-                f"0x{message.can_id & ~EXTENDED:03X}",
-                message.name,
-                message.sender,
-                message.count,
-                1e3 * message.mean_s,
-                1e3 * message.worst_s,
-                *(None if time is None else 1e3 * time for time in (message.bound_s, message.period_s)),
-                message.in_bound,
-                message.in_time,
-            ]
-            for message in bus.messages
-        ],
-    }
+def _figure(picture: str, run: str = "") -> str:
+    caption = "From above, the view moving along with the platoon."
+    return f"<figure>{picture}<figcaption>{f'{run}: ' if run else ''}{caption}</figcaption></figure>"
 
 
 def _asset(name: str) -> str:

@@ -5,20 +5,23 @@ import json
 import random
 import re
 import shutil
-import subprocess
 import warnings
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
-from bench.analysis.figures import MAX_POINTS, Figures
-from bench.analysis.report import render, write
+from bench.analysis.figures import NOTHING_YET, Figures, pool_of
+from bench.analysis.metrics import compute
+from bench.analysis.page_data import live_data, page_data
+from bench.analysis.report import render, render_both, render_live, write
+from bench.analysis.series import MAX_POINTS, held
+from bench.cli import app
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run
 
-from .conftest import Motions
+from .conftest import CYCLE_S, Motions
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PAPER = {
     "fig7": "Motion trails",
     "fig8": "Yaw angle",
@@ -166,6 +169,23 @@ def test_a_tracker_that_says_nothing_of_itself_is_not_drawn(run_of):
     assert [curve["name"] for curve in figures["disturbancex"]["curves"]] == ["vehicle 1"]
 
 
+def test_what_is_told_now_and_then_holds_until_it_is_due_again(data, formation):
+    """A planner tells its parameters when it has optimised, which is not in every cycle."""
+    told = formation.message("veh1", "PlannerPotential")
+    values = data["pool"]["1.flock.Ga"]
+    assert len(told["t"]) < len(values) / 2
+    first = values.index(next(value for value in values if value is not None))
+    assert None not in values[first:-5]
+    assert set(values[first:]) - {None} == {float(f"{value:.6g}") for value in told["Ga"]}
+
+
+def test_what_is_not_told_when_it_is_due_is_a_gap():
+    values, t = np.full(12, np.nan), np.arange(12) * CYCLE_S
+    values[[1, 4, 10]] = [1.0, 2.0, 3.0]
+    nan = np.nan
+    np.testing.assert_array_equal(held(values, t, 0.03), [nan, 1, 1, 1, 2, 2, 2, nan, nan, nan, 3, 3])
+
+
 @pytest.mark.parametrize("vehicles", [1, 5])
 def test_any_number_of_vehicles(run_of, vehicles):
     figures = {figure.id: figure for figure in Figures(run_of(Motions(vehicles, 50))).figures}
@@ -227,69 +247,90 @@ def test_a_damaged_log_gives_a_report_or_a_clear_error(run_of, tmp_path):
     assert 0 < refused < 80
 
 
-# What a person would do, done in the page itself; what came of it is left in the page's title.
-PROBE = """
-// A browser without a screen need not draw frames.
-window.requestAnimationFrame = (draw) => setTimeout(draw, 0);
-addEventListener("error", (event) => { document.title = "ERROR " + event.message; });
-addEventListener("load", () => setTimeout(() => {
-  const plot = document.querySelector("#fig9 svg.plot");
-  const box = plot.getBoundingClientRect();
-  const point = (type, x, more) => plot.dispatchEvent(new PointerEvent(type, {
-    clientX: box.left + box.width * x, clientY: box.top + box.height / 2, pointerType: "mouse", ...more }));
-  const found = {
-    drawn: Number(document.documentElement.dataset.drawn),
-    paths: Array.from(document.querySelectorAll("svg.plot"), (svg) => svg.querySelectorAll("path.curve").length),
-    rows: document.querySelectorAll("#tables tbody tr").length,
-    cars: document.querySelectorAll("#picture g.car").length,
-    width: document.documentElement.scrollWidth - document.documentElement.clientWidth,
-  };
-  point("pointermove", 0.5);
-  setTimeout(() => {
-    found.cursor = document.getElementById("cursor").textContent;
-    found.dots = document.querySelectorAll("#fig7 circle.dot").length;
-    found.reading = document.querySelector("#fig9 .key b").textContent;
-    document.querySelector("#fig8 .key").click();
-    found.hidden = document.querySelectorAll("#fig8 path.curve").length;
-    plot.setPointerCapture = () => {};
-    point("pointerdown", 0.3, { button: 0 });
-    point("pointermove", 0.6);
-    point("pointerup", 0.6);
-    const labels = Array.from(document.querySelectorAll("#fig10 svg.plot text"), (text) => text.textContent);
-    found.zoomed = !labels.includes("0") || !document.getElementById("reset").hidden;
-    document.getElementById("reset").click();
-    found.reset = document.getElementById("reset").hidden;
-    if (!document.title.startsWith("ERROR")) document.title = "FOUND " + JSON.stringify(found);
-  }, 300);
-}, 50));
-"""
+def test_spans_of_a_run_that_goes_on_make_up_the_columns_of_the_whole(formation):
+    """The page of a run that goes on begins with empty columns, and no value comes twice or is left out."""
+    columns = Figures(formation, span=NOTHING_YET).columns
+    assert set(map(len, columns.values())) == {0}
+    for span in [(0.0, 1.0), (1.0, 2.505), (2.505, 9.0)]:
+        grown = pool_of(formation, span)
+        assert grown.keys() == columns.keys()
+        for key, values in grown.items():
+            columns[key] += values
+    whole = Figures(formation).pool
+    held = {key for key in columns if ".flock." in key}
+    for key in columns.keys() - held:
+        assert columns[key] == whole[key], key
 
 
-def browse(path, profile, *options):
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
-    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-    command += ["--enable-logging=stderr", f"--user-data-dir={profile}", *options, f"file://{path}"]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=180)
+def test_spans_of_a_long_run_are_on_one_grid_of_times(run_of):
+    run = run_of(Motions(1, 2 * MAX_POINTS + 500))
+    whole = Figures(run).pool["t"]
+    assert [
+        t for start in (0.0, 7.77, 30.0) for t in pool_of(run, (start, {0.0: 7.77, 7.77: 30.0}.get(start, 99.0)))["t"]
+    ] == whole
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
-@pytest.mark.parametrize("width", [1400, 500])
-def test_it_lives_in_a_real_browser(page, data, tmp_path, width):
-    path = tmp_path / "report.html"
-    path.write_text(page.replace("</body>", f"<script>{PROBE}</script></body>"), encoding="utf-8")
-    done = browse(path, tmp_path / "profile", "--dump-dom", "--virtual-time-budget=20000", f"--window-size={width},900")
-    assert "CONSOLE" not in done.stderr, done.stderr
-    title = re.search(r"<title>(.*?)</title>", done.stdout, re.S)[1]
-    assert title.startswith("FOUND "), title
-    found = json.loads(title.removeprefix("FOUND "))
-    assert found["drawn"] == len(data["figures"])
-    assert found["paths"] == [len(figure["curves"]) for figure in data["figures"]]
-    assert found["rows"] == len(data["metrics"])
-    assert found["cars"] == 3 * 6
-    assert found["width"] == 0
-    assert re.fullmatch(r"t = [23]\.\d\d s", found["cursor"])
-    assert found["dots"] == 3
-    assert re.fullmatch(r"[\d.]+ \| [\d.]+", found["reading"])
-    assert found["hidden"] == 2
-    assert found["zoomed"]
-    assert found["reset"]
+def test_data_of_a_run_that_goes_on_needs_no_more_than_the_beginning_of_its_log(formation):
+    data = live_data(formation)
+    assert data["live"]
+    assert data["pool"]["t"] == []
+    whole = page_data(formation)
+    figures = {figure["id"] for figure in data["figures"]}
+    assert {figure["id"] for figure in whole["figures"]} - figures == {"busload", "histogram"}
+    assert data.keys() == whole.keys()
+
+
+def test_only_the_page_of_a_run_that_goes_on_may_ask_for_more(formation):
+    page = render_live(formation)
+    assert "connect-src 'self'" in page
+    assert "new WebSocket" in page
+
+
+def test_two_runs_lie_over_each_other(formation, run_of):
+    """Of five vehicles against three: figures of both, and those that only one has."""
+    other = run_of(Motions(5, 100))
+    data = json.loads(Page(render_both(formation, other)).scripts["data"])
+    figures = {figure["id"]: figure for figure in data["figures"]}
+    assert figures.keys() >= PAPER.keys() | MORE | {"fig14", "fig15"}
+    speeds = [curve for curve in figures["fig9"]["curves"] if not curve["dash"]]
+    assert [(curve["run"], curve["name"]) for curve in speeds] == [
+        *(("A", f"vehicle {v}") for v in (1, 2, 3)),
+        *(("B", f"vehicle {v}") for v in (1, 2, 3, 4, 5)),
+    ]
+    assert data["pool"]["1.v_x"] == pytest.approx(formation.truth(1)["v_x"], rel=1e-5)
+    assert data["pool"]["B/5.v_x"] == pytest.approx(other.truth(5)["v_x"], rel=1e-5)
+    assert {curve["run"] for curve in figures["fig15"]["curves"]} == {"B"}
+    for figure in data["figures"]:
+        for curve in figure["curves"]:
+            assert curve["x"] in data["pool"]
+            assert curve["y"] in data["pool"]
+
+
+def test_differences_of_two_runs_are_b_less_a(formation, run_of):
+    motions = Motions(3, 100)
+    motions.v_x[2] += 0.05
+    other = run_of(motions)
+    rows = {row[0]: row for row in json.loads(Page(render_both(formation, other)).scripts["data"])["compared"]}
+    a, b = compute(formation), compute(other)
+    assert rows["Least distance"][1:4] == [
+        f"{a.least_distance_m:.2f} m",
+        "10.00 m",
+        f"{10.0 - a.least_distance_m:+.2f}\u00a0m".replace("-", "−"),
+    ]
+    differences = [f"{y - x:+.3f}" for x, y in zip(a.final_speeds_mps, b.final_speeds_mps, strict=True)]
+    found = rows["Final speeds"][3].replace("−", "-").removesuffix("\u00a0m/s").split(", ")
+    assert found == ["0" if float(text) == 0 else text for text in differences]
+    # Everything that is a number in both has a difference.
+    numbers = [row for row in rows.values() if re.search(r"\d", row[1]) and re.search(r"\d", row[2])]
+    assert len(numbers) > 8
+    assert all(row[3] for row in numbers)
+
+
+def test_the_command_lays_two_runs_over_each_other(run_of, tmp_path):
+    a, b = run_of(Motions(2, 20)).path, tmp_path / "other.mcap"
+    shutil.copy(a, b)
+    done = CliRunner().invoke(app, ["report", str(a), str(b)])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "run-and-other.html").read_text(encoding="utf-8").endswith("</html>\n")
+    with pytest.raises(BadInput, match=r"none\.mcap is not there"):
+        CliRunner().invoke(app, ["report", str(a), str(tmp_path / "none.mcap")], catch_exceptions=False)

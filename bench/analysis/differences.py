@@ -1,0 +1,73 @@
+"""The signals that differ between two runs, as figures for a page that shows both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.figure import Curve, Figure
+from bench.analysis.motion import Array
+from bench.analysis.series import MAX_POINTS, Pool, short
+from bench.record import Run
+from bench.record.compare import SignalDifference
+from bench.record.drawing import colour
+
+MAX_SIGNALS = 24
+"""So many signals are drawn at most, those that begin to differ first."""
+
+GROUP = "What differs"
+
+
+def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[list[dict[str, Any]], Pool]:
+    """Return two figures for each signal, both runs' curves and B less A, and their values.
+
+    Args:
+        signals: what differs, in the order in which it begins to.
+        a: the first run.
+        b: the second one.
+    """
+    figures, pool = [], Pool()
+    for signal in signals[:MAX_SIGNALS]:
+        of_a, of_b = (_values(run, signal) for run in (a, b))
+        curves = [_curve(pool, signal, letter, *of) for letter, of in (("A", of_a), ("B", of_b))]
+        most = f"by at most {signal.largest:.6g} {signal.unit}".rstrip()
+        caption = f"From {signal.first_s:.3f} s on; {signal.count} values differ, {most}."
+        figures.append(_figure(signal, "", curves, caption))
+        _, rows_a, rows_b = np.intersect1d(np.rint(1e9 * of_a[0]), np.rint(1e9 * of_b[0]), return_indices=True)
+        difference = of_b[1][rows_b] - of_a[1][rows_a]
+        curve = _curve(pool, signal, "B − A", of_a[0][rows_a], difference)
+        figures.append(_figure(signal, ": B − A", [curve], ""))
+    return figures, pool
+
+
+def _figure(signal: SignalDifference, what: str, curves: list[dict[str, Any]], caption: str) -> dict[str, Any]:
+    name = f"{signal.bus} {signal.message}.{signal.signal}"
+    figure = Figure(
+        id=f"differs-{name.replace(' ', '-')}{'-by' if what else ''}",
+        title=f"{name}{what}",
+        group=GROUP,
+        x_label="time [s]",
+        y_label=f"{signal.signal} [{signal.unit}]" if signal.unit else signal.signal,
+        curves=[],
+        caption=caption,
+    )
+    return {**asdict(figure), "curves": curves}
+
+
+def _values(run: Run, signal: SignalDifference) -> tuple[Array, Array]:
+    columns = run.message(signal.bus, signal.message)
+    return columns["t"], columns[signal.signal].astype(np.float64)
+
+
+def _curve(pool: Pool, signal: SignalDifference, name: str, t: Array, values: Array) -> dict[str, Any]:
+    """Put times and values into the pool, thinned to at most `MAX_POINTS`, and return the curve of them."""
+    kept = slice(None, None, max(1, -(-len(t) // MAX_POINTS)))
+    key = f"differs.{name}.{signal.bus}.{signal.message}.{signal.signal}"
+    pool[f"{key}.t"], pool[key] = list(short(t[kept])), list(short(values[kept]))
+    colours = {"A": colour(1), "B": colour(2)}
+    curve = Curve(name, f"{key}.t", key, colours.get(name, "ink"), at=f"{key}.t", step=True)
+    # The page draws what has a run in that run's layer, and B dashed.
+    return {**asdict(curve), "run": name if name in colours else ""}

@@ -1,0 +1,110 @@
+// Faults and changes of mode on the time axes: what they are, and the text that a mark shows when pointed at.
+
+const SERIOUS = ["warning", "error", "fatal"];
+// Marks nearer to each other than this are one, in pixels.
+const APART = 9;
+const LINES_OF_TIP = 8;
+
+// Whether an event is no more than that a part has started, or of no interest to who looks at a run.
+const isUsual = (level, text) => level === "debug" || (level === "info" && /^(init|wait) ->/.test(text));
+
+// Each event that is more than that: time, what it says, and how grave it is.
+function eventMarks() {
+  const found = [];
+  for (const run of runs()) {
+    for (const [time, level, source, text] of run.events) {
+      if (isUsual(level, text)) continue;
+      found.push({ time, kind: source === "fault" ? "fault" : level, text: says(run, time, source, text) });
+    }
+    if (run.formation_time > firstTime()) {
+      found.push({ time: run.formation_time, kind: "formed", text: says(run, run.formation_time, "", "formed") });
+    }
+  }
+  return found.sort((a, b) => a.time - b.time);
+}
+
+const says = (run, time, source, text) => `${[letter(run), seconds(time), source].filter(Boolean).join(" ")}: ${text}`;
+
+// Spans of time in which a fault was there; one that has not ended goes on to the end.
+function faultSpans() {
+  const spans = [];
+  for (const run of runs()) {
+    const open = new Map();
+    for (const [time, , source, text] of run.events) {
+      if (source !== "fault") continue;
+      const begun = /^(.*?) begins/.exec(text);
+      const ended = /^(.*?) ends/.exec(text);
+      if (begun) {
+        const span = { start: time, end: Infinity, text: begun[1] };
+        open.set(begun[1], span);
+        spans.push(span);
+      } else if (ended && open.has(ended[1])) {
+        open.get(ended[1]).end = time;
+        open.delete(ended[1]);
+      }
+    }
+  }
+  return spans;
+}
+
+const GRAVITY = ["info", "formed", "warning", "fault", "error", "fatal"];
+
+// Marks that would lie on each other, as one: where, all their texts, and the gravest kind.
+function clusters(range, toX) {
+  const found = [];
+  for (const mark of eventMarks()) {
+    if (mark.time < range[0] || mark.time > range[1]) continue;
+    const at = toX(mark.time);
+    const last = found.at(-1);
+    if (last && at - last.at < APART) {
+      last.texts.push(mark.text);
+      if (GRAVITY.indexOf(mark.kind) > GRAVITY.indexOf(last.kind)) last.kind = mark.kind;
+    } else found.push({ at, time: mark.time, kind: mark.kind, texts: [mark.text] });
+  }
+  return found;
+}
+
+// Draw spans and marks at the top of a figure that is `height` high: a wedge for each, its text when pointed at.
+function drawMarks(parent, range, toX, { top, height }) {
+  for (const { start, end } of faultSpans()) {
+    if (end < range[0] || start > range[1]) continue;
+    const [from, to] = [toX(Math.max(start, range[0])), toX(Math.min(end, range[1]))];
+    shape(parent, "rect", { class: "span", x: round(from), y: top, width: round(Math.max(1, to - from)), height });
+  }
+  for (const { at, time, kind, texts } of clusters(range, toX)) {
+    const group = shape(parent, "g", { class: `mark ${kind}` });
+    if (kind === "formed" || kind === "error" || kind === "fatal") {
+      shape(group, "path", { class: "event", d: `M${round(at)} ${top}v${height}` });
+    }
+    shape(group, "path", { class: "wedge", d: `M${round(at)} ${top + 9}l-4.5 -9h9z` });
+    // A finger needs more room than the wedge has.
+    const hit = shape(group, "rect", { class: "hit", x: round(at) - 8, y: top - 4, width: 16, height: 20 });
+    hit.addEventListener("pointerenter", (event) => event.pointerType === "mouse" && showTip(hit, texts));
+    hit.addEventListener("pointerleave", (event) => event.pointerType === "mouse" && hideTip());
+    hit.addEventListener("pointerdown", (event) => event.stopPropagation());
+    hit.addEventListener("click", (event) => {
+      event.stopPropagation();
+      takeTime(time);
+      showTip(hit, texts);
+    });
+  }
+}
+
+function showTip(marked, texts) {
+  const tip = byId("tip");
+  const more = texts.length - LINES_OF_TIP;
+  tip.replaceChildren();
+  for (const text of texts.slice(0, LINES_OF_TIP)) element(tip, "p", {}, text);
+  if (more > 0) element(tip, "p", {}, `and ${more} more`);
+  tip.hidden = false;
+  const [box, own] = [marked.getBoundingClientRect(), tip.getBoundingClientRect()];
+  tip.style.left = `${clamp(box.left + box.width / 2 - own.width / 2, 6, document.documentElement.clientWidth - own.width - 6)}px`;
+  tip.style.top = `${box.top - own.height - 6 > 50 ? box.top - own.height - 6 : box.bottom + 8}px`;
+}
+
+function hideTip() {
+  byId("tip").hidden = true;
+}
+
+addEventListener("pointerdown", hideTip);
+addEventListener("scroll", hideTip, { passive: true });

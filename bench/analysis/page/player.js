@@ -1,0 +1,190 @@
+// What plays, and the controls for it: button, time line, speed, whom to follow, keys.
+
+// With less motion asked for, playing goes in steps of so much wall-clock time, ms.
+const STEP_MS = 500;
+// How far behind the newest a picture of a run that goes on may be, s, so that it moves evenly.
+const BEHIND_S = 0.8;
+
+const player = {
+  playing: false,
+  speed: 1,
+  shownAt: null,
+
+  play() {
+    const [from, to] = this.bounds();
+    if (cursor.time >= to - data.road.cycle / 2 || cursor.time < from) setTime(from);
+    cursor.follows = false;
+    this.start();
+  },
+
+  start() {
+    this.playing = true;
+    this.shownAt = null;
+    byId("play").textContent = "❚❚";
+    byId("play").setAttribute("aria-label", "Pause");
+    requestAnimationFrame((now) => this.frame(now));
+  },
+
+  pause() {
+    this.playing = false;
+    byId("play").textContent = "▶";
+    byId("play").setAttribute("aria-label", "Play");
+  },
+
+  toggle() {
+    if (!this.playing) return this.play();
+    this.pause();
+    takeTime(cursor.time);
+  },
+
+  // What is played: the range zoomed to, or all there is.
+  bounds() {
+    const [from, to] = shownRange();
+    return [from, Math.min(to, lastTime())];
+  },
+
+  frame(now) {
+    if (!this.playing) return;
+    const passed = this.shownAt === null ? 0 : now - this.shownAt;
+    if (this.shownAt === null || !lessMotion.matches || passed >= STEP_MS) {
+      this.shownAt = now;
+      this.step(passed / 1000);
+    }
+    if (this.playing) requestAnimationFrame((next) => this.frame(next));
+  },
+
+  step(passed) {
+    const [, to] = this.bounds();
+    let time = cursor.time + passed * this.speed;
+    if (cursor.follows) {
+      // Evenly, but never far behind.
+      time = lessMotion.matches ? to : Math.max(cursor.time + passed, to - 2 * BEHIND_S);
+      setTime(Math.min(time, to));
+      return;
+    }
+    setTime(Math.min(time, to));
+    if (time >= to && !data.live) this.pause();
+  },
+};
+
+// ---- the time line
+
+function showTime(time) {
+  const slider = byId("scrub");
+  slider.value = String(time);
+  slider.setAttribute("aria-valuetext", seconds(time));
+  byId("cursor").textContent = `t = ${seconds(time)}`;
+  byId("newest").hidden = !data.live || cursor.follows;
+}
+
+function showTimeLine() {
+  const [from, to] = wholeRange();
+  const slider = byId("scrub");
+  place(slider, { min: from, max: to, step: data.road.cycle });
+  const svg = byId("line");
+  const width = svg.clientWidth || 600;
+  // The thumb's middle goes from half its width to half its width before the end.
+  const thumb = 8;
+  const toX = (time) => thumb + ((time - from) / Math.max(1e-9, to - from)) * (width - 2 * thumb);
+  svg.setAttribute("viewBox", `0 0 ${width} 14`);
+  svg.replaceChildren();
+  drawMarks(svg, [from, to], toX, { top: 2, height: 12 });
+  showTime(cursor.time);
+}
+
+// ---- what each vehicle does, below the road
+
+// State of each part of a vehicle from the events up to `time`: run, degraded, safe ...
+function statesAt(run, time) {
+  const states = new Map();
+  for (const [at, , source, text] of run.events) {
+    if (at > time + 1e-9) break;
+    const change = /^\w+ -> (\w+)/.exec(text);
+    if (change) states.set(source, change[1]);
+  }
+  return states;
+}
+
+const PARTS = ["planner", "tracker", "actuators"];
+const WORSE_STATES = ["degraded", "hold", "safe"];
+
+// "degraded: planner, tracker; safe: actuators"; empty where all is well.
+function worse(states, vehicle) {
+  return WORSE_STATES.map((state) => [state, PARTS.filter((part) => states.get(`veh${vehicle}.${part}`) === state)])
+    .filter(([, parts]) => parts.length).map(([state, parts]) => `${state}: ${parts.join(", ")}`).join("; ");
+}
+
+function showVehicles(time) {
+  const parent = byId("vehicles");
+  parent.replaceChildren();
+  for (const run of runs()) {
+    const states = statesAt(run, time);
+    for (const vehicle of vehiclesOf(run)) {
+      const chip = element(parent, "li", { class: run.prefix ? "b" : "" });
+      element(chip, "i").style.background = run.road.colours[vehicle - 1];
+      element(chip, "b", {}, `${vehicle}${letter(run)}`);
+      const speed = valueAt(run, `${vehicle}.v_x`, time);
+      element(chip, "span", { class: "speed" }, speed === null ? "–" : `${speed.toFixed(1)} m/s`);
+      element(chip, "span", { class: "state" }, worse(states, vehicle));
+    }
+  }
+}
+
+// ---- controls
+
+function fillFollow() {
+  const select = byId("follow");
+  select.replaceChildren();
+  element(select, "option", { value: "0" }, "the platoon");
+  for (const vehicle of vehiclesOf(data)) element(select, "option", { value: String(vehicle) }, `vehicle ${vehicle}`);
+  select.value = String(animation.follow);
+}
+
+function follow(vehicle) {
+  animation.follow = vehicle;
+  byId("follow").value = String(vehicle);
+  drawAnimation();
+}
+
+function goOn() {
+  cursor.follows = true;
+  setTime(Math.max(cursor.time, lastTime() - BEHIND_S));
+  player.start();
+}
+
+// Space plays and pauses, arrows step a tenth of a second, with shift a cycle; Home and End; digits follow a vehicle.
+function pressedKey(event) {
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  const where = event.target;
+  const typed = where.closest?.("select, textarea, input:not([type=range])");
+  const pressable = where.closest?.("button, summary, a");
+  if (typed || (pressable && (event.key === " " || event.key === "Enter"))) return;
+  const step = event.shiftKey ? data.road.cycle : 0.1;
+  const [from, to] = player.bounds();
+  const moves = { ArrowLeft: cursor.time - step, ArrowRight: cursor.time + step, Home: from, End: to };
+  if (event.key === " ") player.toggle();
+  else if (event.key in moves) {
+    player.pause();
+    takeTime(moves[event.key]);
+  } else if (event.key === "Escape") setRange(null);
+  else if (/^\d$/.test(event.key) && Number(event.key) <= data.road.vehicles) follow(Number(event.key));
+  else return;
+  event.preventDefault();
+}
+
+byId("play").addEventListener("click", () => player.toggle());
+byId("scrub").addEventListener("input", (event) => {
+  player.pause();
+  takeTime(Number(event.target.value));
+});
+byId("speed").addEventListener("change", (event) => {
+  player.speed = Number(event.target.value);
+});
+byId("follow").addEventListener("change", (event) => follow(Number(event.target.value)));
+byId("newest").addEventListener("click", goOn);
+byId("reset").addEventListener("click", () => setRange(null));
+addEventListener("keydown", pressedKey);
+onTime.push(showTime, showVehicles);
+onRange.push((range) => {
+  byId("reset").hidden = range === null;
+});

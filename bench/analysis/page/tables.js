@@ -1,0 +1,180 @@
+// What is told in words and numbers: verdict, metrics, events, buses, versions, scenario.
+
+const heading = (parent, texts) => {
+  const row = element(element(parent, "thead"), "tr");
+  texts.forEach((text) => element(row, "th", { scope: "col" }, text));
+};
+
+function fillHeader() {
+  byId("name").textContent = runs().map((run) => run.scenario).join(" and ");
+  byId("description").textContent = data.other ? "Two runs laid over each other: A solid, B dashed." : data.description;
+  const parent = byId("verdicts");
+  parent.replaceChildren();
+  for (const run of runs()) {
+    const { text, good } = verdict(run);
+    const line = element(parent, "p", { class: data.live ? "" : good ? "good" : "bad" });
+    if (data.other) element(line, "span", { class: "file" }, `${letter(run)} ${run.file}: `);
+    line.append(text);
+  }
+}
+
+function verdict(run) {
+  if (data.live) return { text: "The run goes on." };
+  const missed = run.metrics.filter((row) => row[3] === false && !row[4]).map((row) => row[0].toLowerCase());
+  const parts = ["No platoon formed"];
+  if (run.formed) parts[0] = run.formation_time > 0 ? `Formed after ${seconds(run.formation_time)}` : "Formed from the start on";
+  if (!run.complete) parts.push(`the run is not complete (${run.damage || run.status})`);
+  if (missed.length) parts.push(`not as asked: ${missed.join(", ")}`);
+  return { text: `${parts.join("; ")}.`, good: run.formed && run.complete && !missed.length };
+}
+
+function fillMetrics() {
+  const parent = byId("tables");
+  parent.replaceChildren();
+  parent.hidden = !data.metrics.length;
+  const table = element(parent, "table");
+  if (data.other) return fillCompared(table);
+  heading(table, ["Figure", "Value", "Asked", ""]);
+  const body = element(table, "tbody");
+  for (const [name, value, asked, met] of data.metrics) {
+    const row = element(body, "tr");
+    element(row, "th", { scope: "row" }, name);
+    element(row, "td", {}, value);
+    element(row, "td", { class: "asked" }, asked);
+    const cell = element(row, "td", { class: `verdict ${met === null ? "" : met ? "good" : "bad"}` });
+    if (met !== null) {
+      cell.append(met ? "✓" : "✗");
+      element(cell, "span", {}, met ? " met" : " missed");
+    }
+  }
+}
+
+function fillCompared(table) {
+  heading(table, ["Figure", "A", "B", "B − A", "Asked"]);
+  const body = element(table, "tbody");
+  for (const [name, a, b, difference, askedA, askedB, metA, metB] of data.compared) {
+    const row = element(body, "tr");
+    element(row, "th", { scope: "row" }, name);
+    for (const [value, met] of [[a, metA], [b, metB]]) {
+      const cell = element(row, "td", {}, value);
+      if (met !== null) element(cell, "span", { class: met ? "good" : "bad" }, met ? " ✓" : " ✗");
+    }
+    element(row, "td", {}, difference);
+    element(row, "td", { class: "asked" }, askedA === askedB ? askedA : `${askedA || "–"} | ${askedB || "–"}`);
+  }
+}
+
+const MOST_EVENTS = 500;
+
+function fillEvents() {
+  const parent = byId("events");
+  const all = runs().flatMap((run) => run.events.map((event) => [letter(run), ...event]));
+  const rows = all.filter(([, , level, , text]) => !isUsual(level, text)).sort((a, b) => a[1] - b[1]);
+  const told = rows.slice(0, MOST_EVENTS);
+  const more = runs().reduce((sum, run) => sum + run.more_events, 0) + all.length - told.length;
+  parent.hidden = !rows.length;
+  byId("event-count").textContent = `Faults and changes of mode (${rows.length})`;
+  const body = byId("event-rows");
+  body.replaceChildren();
+  for (const [run, time, level, source, text] of told) {
+    const kind = source === "fault" ? "fault" : level;
+    const row = element(body, "tr", { class: SERIOUS.includes(level) ? kind : "" });
+    const jump = element(element(row, "th", { scope: "row" }), "button", { class: "jump", type: "button" }, seconds(time));
+    jump.addEventListener("click", () => {
+      player.pause();
+      takeTime(time);
+    });
+    element(row, "td", {}, run ? `${run} ${source}` : source);
+    element(row, "td", {}, text);
+  }
+  if (more) element(element(body, "tr"), "td", { colspan: "3" }, `and ${more} more in the log, as when a part has started`);
+}
+
+function fillDetails() {
+  const parent = byId("details");
+  parent.replaceChildren();
+  const section = (title) => {
+    const made = element(parent, "details", { class: "printed" });
+    element(made, "summary", {}, title);
+    return made;
+  };
+  const values = runs().map((run) => new Map(run.facts));
+  const names = new Set(values.flatMap((facts) => [...facts.keys()]));
+  const table = element(section("Versions, seed and how it was run"), "table");
+  if (data.other) heading(table, ["", "A", "B"]);
+  const body = element(table, "tbody");
+  for (const name of names) {
+    const row = element(body, "tr");
+    element(row, "th", { scope: "row" }, name);
+    const kind = values.some((facts) => facts.get(name) !== values[0].get(name)) ? { class: "differs" } : {};
+    for (const facts of values) element(row, "td", kind, facts.get(name) ?? "–");
+  }
+  const same = data.other && data.other.toml === data.toml;
+  for (const run of same ? [data] : runs()) {
+    const whose = same ? ", the same in A and B" : letter(run) && ` of ${letter(run)}`;
+    element(section(`Scenario${whose}, complete`), "pre", {}, run.toml);
+  }
+}
+
+// ---- buses
+
+const numberRow = (body, cells) => {
+  const row = element(body, "tr");
+  for (const [tag, kind, text] of cells) element(row, tag, kind ? { class: kind } : {}, text);
+};
+
+function numberTable(parent, heads) {
+  const table = element(element(parent, "div", { class: "scrolls" }), "table");
+  const row = element(element(table, "thead"), "tr");
+  heads.forEach((text, index) => element(row, "th", index ? { class: "number" } : {}, text));
+  return element(table, "tbody");
+}
+
+function fillBuses() {
+  const parent = byId("buses");
+  parent.hidden = !runs().some((run) => run.buses.length);
+  byId("strip").hidden = !byId("strip").querySelector("svg");
+  const tables = byId("bus-tables");
+  tables.replaceChildren();
+  const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Busiest cycle", "at", "Worst case of the DBC"]);
+  for (const run of runs()) {
+    for (const bus of run.buses) {
+      numberRow(all, [
+        ["th", "", `${letter(run)} ${bus.bus}`],
+        ["td", "number", `${bus.bit_rate / 1000} kbit/s`],
+        ["td", "number", percent(bus.mean)],
+        ["td", bus.worst > 1 ? "number over" : "number", percent(bus.worst)],
+        ["td", "number", seconds(bus.worst_at)],
+        ["td", "number", percent(bus.most)],
+      ]);
+    }
+  }
+  for (const run of runs()) for (const bus of run.buses) fillResponses(tables, bus, letter(run));
+}
+
+function fillResponses(parent, bus, run) {
+  const made = element(parent, "details");
+  const late = bus.messages.filter((message) => !message[9]).length;
+  const beyond = bus.messages.filter((message) => !message[8]).length;
+  const notes = [late ? `${late} slower than their period` : "", beyond ? `${beyond} beyond their bound` : ""];
+  const note = notes.filter((text) => text).map((text) => `; ${text}`).join("");
+  const which = run ? `${bus.bus} of ${run}` : bus.bus;
+  element(made, "summary", {}, `Response times on ${which} (${bus.messages.length} messages${note})`);
+  const heads = ["Message", "Identifier", "Sender", "Frames", "Mean [ms]", "Worst [ms]", "Bound [ms]", "Period [ms]"];
+  const body = numberTable(made, heads);
+  for (const [id, name, sender, count, mean, worst, bound, period, within, inTime] of bus.messages) {
+    numberRow(body, [
+      ["th", "", name || "not in the DBC"],
+      ["td", "number", id],
+      ["td", "number", sender || "–"],
+      ["td", "number", String(count)],
+      ["td", "number", milliseconds(mean)],
+      ["td", within && inTime ? "number" : "number over", milliseconds(worst)],
+      ["td", "number", milliseconds(bound)],
+      ["td", "number", period === null ? "–" : String(period)],
+    ]);
+  }
+  const text = "From the wait for the bus to the end of the frame. The bound is that of Davis et al. (2007) for frames of "
+    + "the greatest length, with the release jitter of this run; only faults and frames from outside go beyond it.";
+  element(made, "p", { class: "caption" }, text);
+}

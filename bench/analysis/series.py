@@ -1,0 +1,118 @@
+"""The values that figures are drawn from: all of a run's, or those of a span of a run that goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.record import Run
+from bench.scenario import CYCLE_S
+
+MAX_POINTS = 2400
+"""A curve of more samples is thinned out to at most this many."""
+
+Span = tuple[float, float]
+"""From this time until before that one, s."""
+
+Pool = dict[str, list[float | None]]
+
+
+class Series:
+    """Values on the times of a run's truth, thinned out to at most `MAX_POINTS`.
+
+    Attributes:
+        truth: the motion at these times, before thinning.
+        live: whether the run goes on, so that what is not there yet may come.
+        pool: key -> values; None for what is missing.
+        over_time: keys of those values that are over the run's time.
+    """
+
+    def __init__(self, run: Run, span: Span | None = None) -> None:
+        """Take the values of all of `run`, or of a span of a run that goes on; an empty span has empty columns.
+
+        The columns of spans that follow each other, put together, are on one grid of times.
+
+        Raises:
+            BadInput: the log has no truth or no scenario.
+        """
+        self._run = run
+        self.live = span is not None
+        self.pool: Pool = {}
+        self.over_time: list[str] = []
+        if span is None:
+            self.truth = motion(run)
+            stride = -(-len(self.truth.t) // MAX_POINTS)
+            self._kept = np.arange(0, len(self.truth.t), stride)
+        else:
+            self.truth = _within(run, span)
+            stride = -(-round(run.scenario.duration_s / CYCLE_S) // MAX_POINTS)
+            self._kept = np.flatnonzero(np.rint(self.truth.t / CYCLE_S).astype(np.int64) % stride == 0)
+
+    def signal(self, v: int, message: str, signal: str, *, hold: bool = False) -> Array | None:
+        """Return a signal of vehicle `v` at all times, NaN where it is missing; None where none is to be had.
+
+        With `hold` a value is there until the message is due again.
+        """
+        values = np.full(len(self.truth.t), np.nan)
+        columns = told(self._run, v, message)
+        if columns is not None:
+            rows, at = rows_at(columns["t"], self.truth.t)
+            values[at] = columns[signal][rows]
+            if hold and len(columns["t"]) > 1:
+                values = held(values, self.truth.t, float(np.median(np.diff(columns["t"]))))
+        elif not (self.live and self._run.has(f"veh{v}", message)):
+            return None
+        return values
+
+    def true(self, v: int, name: str) -> Array | None:
+        """Return a true value of vehicle `v` at all times; None where it was not recorded."""
+        columns = self._run.truth(v) if f"/truth/veh{v}" in self._run.topics else {}
+        if name not in columns:
+            return None
+        values = np.full(len(self.truth.t), np.nan)
+        rows, at = rows_at(columns["t"], self.truth.t)
+        values[at] = columns[name][rows]
+        return values
+
+    def put(self, key: str, values: Array, *, peak: bool = False) -> None:
+        """Put values of all times into the pool, thinned: of each group the first, or the largest if `peak`."""
+        kept = self._kept
+        thinned = np.fmax.reduceat(values, kept) if peak and len(kept) else values[kept]
+        self.over_time.append(key)
+        self.put_as_is(key, thinned)
+
+    def put_as_is(self, key: str, values: npt.NDArray[Any] | Sequence[float]) -> None:
+        """Put values that are not over the run's time into the pool."""
+        self.pool[key] = list(short(values))
+
+
+def _within(run: Run, span: Span) -> Motion:
+    """Return the motion in a span of time, the platoon's order as the scenario has it."""
+    starts = np.array([vehicle.x_m for vehicle in run.scenario.vehicles])
+    order = tuple(int(index) for index in np.argsort(-starts, kind="stable"))
+    start, end = span
+    if end <= start:
+        none = np.empty((len(starts), 0))
+        return Motion(np.empty(0), none, none, none, none, none, none, order)
+    whole = motion(run)
+    rows = np.flatnonzero((whole.t >= start - 1e-9) & (whole.t < end - 1e-9))
+    columns = {name: getattr(whole, name)[:, rows] for name in ("X", "Y", "psi", "v_x", "gamma", "mu")}
+    return replace(whole, t=whole.t[rows], order=order, **columns)
+
+
+def held(values: Array, t: Array, period_s: float) -> Array:
+    """Return values with the last one in place of those that are missing for less than `period_s` after it."""
+    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
+    age = np.where(last >= 0, t - t[last], np.inf)
+    return np.where(age < period_s - CYCLE_S / 2.0, values[last], np.nan)
+
+
+def short(values: Iterable[float]) -> Iterable[float | None]:
+    """Give numbers with six digits, as many as a screen can show; None for what is not finite."""
+    for value in values:
+        yield float(f"{value:.6g}") if np.isfinite(value) else None

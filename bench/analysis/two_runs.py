@@ -1,0 +1,133 @@
+"""Two runs laid over each other, as one page's data: A's figures with B's curves in them, and the figures of both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from bench.analysis.metrics import Metrics
+from bench.analysis.page_data import PageData
+
+B = "B/"
+"""What the keys of B's columns begin with."""
+
+Value = float | Sequence[float | None] | None
+
+# Of each row of `requirements.table` that holds numbers: where they are, digits and unit of a difference.
+_NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
+    "Formation time": (lambda m: m.formation_time_s, 2, "s"),
+    "Least distance": (lambda m: m.least_distance_m, 2, "m"),
+    "Final gaps": (lambda m: m.final_gaps_m, 3, "m"),
+    "Final speeds": (lambda m: m.final_speeds_mps, 3, "m/s"),
+    "Final lateral errors": (lambda m: m.final_lateral_errors_m, 3, "m"),
+    "Final yaw angles": (lambda m: m.final_yaws_rad, 4, "rad"),
+    "Least margin to the yaw rate's boundary": (lambda m: m.boundary_margin_min, 3, ""),
+    "Speed error, RMS": (lambda m: m.speed_rmse_mps, 4, "m/s"),
+    "Yaw rate error, RMS": (lambda m: m.yaw_rate_rmse_radps, 5, "rad/s"),
+    "Solver, median / p99": (lambda m: _times(m.solver_ms), 2, "ms"),
+    "Tracker step, median / p99": (lambda m: _times(m.tracker_ms), 2, "ms"),
+    "Planner step, median / p99": (lambda m: _times(m.planner_ms), 2, "ms"),
+    "Steps with a fallback gain": (lambda m: m.fallback_steps, 0, ""),
+    "Frames lost": (lambda m: m.frames_lost, 0, ""),
+    "E2E errors": (lambda m: m.e2e_errors, 0, ""),
+    "Real-time factor": (lambda m: m.real_time_factor, 2, ""),
+}
+
+
+def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics]) -> PageData:
+    """Return the data of a page that shows both runs, from the data of each and what they are judged by."""
+    return {
+        **a,
+        "figures": _figures(a["figures"], b["figures"]),
+        "pool": {**a["pool"], **{B + key: values for key, values in b["pool"].items()}},
+        "compared": _compared(a["metrics"], b["metrics"], metrics),
+        "other": {**{key: value for key, value in b.items() if key not in ("figures", "pool")}, "prefix": B},
+    }
+
+
+def _figures(of_a: list[dict[str, Any]], of_b: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """A's figures with the curves of B, then, at the end of their groups, those that only B has."""
+    second = {figure["id"]: figure for figure in of_b}
+    figures = [_figure(_dotted(figure), second.pop(figure["id"], None)) for figure in of_a]
+    for figure in second.values():
+        same = [place for place, other in enumerate(figures) if other["group"] == figure["group"]]
+        figures.insert(same[-1] + 1 if same else len(figures), {**_dotted(figure), "curves": _of_b(figure)})
+    return figures
+
+
+def _figure(a: dict[str, Any], b: dict[str, Any] | None) -> dict[str, Any]:
+    curves = [{**curve, "run": "A"} for curve in a["curves"]]
+    if b is None:
+        return {**a, "curves": curves}
+    captions = (a["caption"], _dotted(b)["caption"])
+    return {
+        **a,
+        "curves": curves + _of_b(b),
+        "caption": captions[0] if captions[0] == captions[1] else f"A: {captions[0] or '–'} B: {captions[1] or '–'}",
+        "lines": a["lines"] + [line for line in b["lines"] if line not in a["lines"]],
+        "lanes": _lanes(a["lanes"], b["lanes"]),
+        "x_range": _range(a["x_range"], b["x_range"]),
+        "y_range": _range(a["y_range"], b["y_range"]),
+        "y_top": None if None in (a["y_top"], b["y_top"]) else max(a["y_top"], b["y_top"]),
+    }
+
+
+def _dotted(figure: dict[str, Any]) -> dict[str, Any]:
+    """Of two runs B's curves are dashed, and dotted those that are dashed where there is one."""
+    told = {
+        key: figure[key].replace("(dashed)", "(dotted)").replace("Dashed:", "Dotted:") for key in ("title", "caption")
+    }
+    return {**figure, **told}
+
+
+def _of_b(figure: dict[str, Any]) -> list[dict[str, Any]]:
+    keys = ("x", "y", "at")
+    return [
+        {**curve, **{key: B + curve[key] if curve[key] else "" for key in keys}, "run": "B"}
+        for curve in figure["curves"]
+    ]
+
+
+def _range(a: list[float], b: list[float]) -> list[float]:
+    both = [*a, *b]
+    return [min(both), max(both)] if both else []
+
+
+def _lanes(a: list[tuple[float, bool]], b: list[tuple[float, bool]]) -> list[tuple[float, bool]]:
+    levels = sorted({level for level, _ in [*a, *b]})
+    return [(level, level in (levels[0], levels[-1])) for level in levels]
+
+
+def _compared(a: list[list[Any]], b: list[list[Any]], metrics: tuple[Metrics, Metrics]) -> list[list[Any]]:
+    """Rows of name, A's and B's value, B less A, A's and B's requirement and whether it is met."""
+    first, second = {row[0]: row for row in a}, {row[0]: row for row in b}
+    none = ["", "–", "", None, False]
+    rows = []
+    for name in dict.fromkeys([*first, *second]):
+        of_a, of_b = first.get(name, none), second.get(name, none)
+        rows.append([name, of_a[1], of_b[1], _difference(name, metrics), of_a[2], of_b[2], of_a[3], of_b[3]])
+    return rows
+
+
+def _difference(name: str, metrics: tuple[Metrics, Metrics]) -> str:
+    """Return B less A as text, value by value; empty where there are not as many in both."""
+    if name not in _NUMBERS:
+        return ""
+    numbers, digits, unit = _NUMBERS[name]
+    a, b = (_listed(numbers(each)) for each in metrics)
+    if len(a) != len(b) or not any(x is not None and y is not None for x, y in zip(a, b, strict=True)):
+        return ""
+    texts = [
+        "–" if x is None or y is None else f"{round(y - x, digits) + 0.0:+.{digits}f}"
+        for x, y in zip(a, b, strict=True)
+    ]
+    text = ", ".join("0" if text.strip("+-0.") == "" else text for text in texts).replace("-", "−")
+    return f"{text}\u00a0{unit}" if unit else text
+
+
+def _listed(value: Value) -> list[float | None]:
+    return list(value) if isinstance(value, Sequence) else [value]
+
+
+def _times(times: dict[str, float]) -> list[float | None]:
+    return list(times.values())

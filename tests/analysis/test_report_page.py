@@ -1,0 +1,394 @@
+"""The report as a person uses it: played, pointed at, zoomed, printed and read on a phone, in a real browser.
+
+The browser's clock is stopped and moved on by hand, so that what is played depends on no wall clock.
+"""
+
+import json
+import shutil
+
+import pytest
+from playwright.sync_api import Page as Tab
+from playwright.sync_api import ViewportSize, sync_playwright
+
+from bench.analysis.figures import pool_of
+from bench.analysis.page_data import events_of, page_data
+from bench.analysis.report import render, render_both, render_live
+from bench.record import Run
+
+from .conftest import Motions
+
+DESK, PHONE = ViewportSize(width=1400, height=900), ViewportSize(width=360, height=740)
+# What is played is shown some frames after the key that starts it.
+SOON_S = 0.05
+CANVAS = "document.getElementById('road').toDataURL()"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A real browser without a screen; ended with this module, as another of its kind cannot be started beside it."""
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium is installed")
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-quic"])
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def made_up(tmp_path_factory):
+    """Pages by name."""
+    return tmp_path_factory.mktemp("pages")
+
+
+@pytest.fixture(scope="module")
+def report_page(formation_log, made_up):
+    """The report of a real run."""
+    path = made_up / "report.html"
+    path.write_text(render(Run(formation_log)), encoding="utf-8")
+    return path
+
+
+@pytest.fixture
+def faulty(run_of):
+    """A run with a fault, changes of mode and many of them at about one time."""
+    motions = Motions(2, 200)
+    motions.events = [
+        (0.0, "info", "veh1.planner", "init -> run"),
+        (0.5, "warning", "fault", "ecu_crash: ecu veh1.tracker begins, until 1.5 s"),
+        (1.2, "warning", "veh1.planner", "run -> safe (TrackerLost)"),
+        (1.201, "warning", "veh2.planner", "run -> degraded (PeerUnsafe)"),
+        (1.5, "warning", "fault", "ecu_crash: ecu veh1.tracker ends"),
+    ]
+    return run_of(motions)
+
+
+@pytest.fixture
+def open_page(browser, tmp_path):
+    """`open_page(html or path)`: a tab with it, its clock stopped; in the end nothing may have gone wrong in it."""
+    contexts, troubles = [], []
+
+    def opened(page, *, size=DESK, prepare=None, **options) -> Tab:
+        context = browser.new_context(viewport=size, **options)
+        contexts.append(context)
+        tab = context.new_page()
+        tab.on("console", lambda message: troubles.append(message.text))
+        tab.on("pageerror", lambda error: troubles.append(str(error)))
+        tab.on(
+            "request",
+            lambda asked: troubles.append(asked.url) if not asked.url.startswith(("file:", "data:")) else None,
+        )
+        path = page
+        if isinstance(page, str):
+            path = tmp_path / "page.html"
+            path.write_text(page, encoding="utf-8")
+        tab.clock.install(time=0)
+        if prepare is not None:
+            prepare(tab)
+        tab.goto(path.as_uri())
+        tab.clock.pause_at(1000)
+        tab.clock.run_for(500)
+        return tab
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert troubles == []
+
+
+def time_of(tab):
+    return float(tab.locator("#scrub").input_value())
+
+
+def go_to(tab, time_s):
+    tab.locator("#scrub").evaluate(
+        "(slider, t) => { slider.value = t; slider.dispatchEvent(new Event('input')); }", time_s
+    )
+    settle(tab)
+
+
+def settle(tab):
+    tab.clock.run_for(500)
+
+
+def eventually(tab, holds):
+    """Wait for what the browser does when it has drawn a frame: it tells what has come into view."""
+    for _ in range(100):
+        if holds():
+            return True
+        tab.wait_for_timeout(50)
+    return False
+
+
+def point(tab, figure, x, y=0.5):
+    """Move the mouse to a place in a figure, as shares of its size; return where that is."""
+    plot = tab.locator(f"#{figure} svg.plot")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    tab.mouse.move(box["x"] + box["width"] * x, box["y"] + box["height"] * y)
+    settle(tab)
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_all_is_drawn_and_nothing_stands_out_of_the_page(open_page, report_page, formation, size):
+    tab = open_page(report_page, size=size)
+    data = page_data(formation)
+    paths = "all => all.map(svg => svg.querySelectorAll('path.curve').length)"
+    assert tab.locator("svg.plot").evaluate_all(paths) == [len(figure["curves"]) for figure in data["figures"]]
+    assert tab.locator("#tables tbody tr").count() == len(data["metrics"])
+    assert tab.evaluate("document.documentElement.scrollWidth") == size["width"]
+    assert tab.locator("#vehicles li").all_inner_texts()[0].split() == ["1", "20.0", "m/s"]
+    # All cars are in view, in their colours.
+    count = """(canvas, colours) => {
+      const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+      return colours.map((colour) => {
+        const [r, g, b] = [1, 3, 5].map((at) => parseInt(colour.slice(at, at + 2), 16));
+        let found = 0;
+        for (let i = 0; i < data.length; i += 4) found += data[i] === r && data[i + 1] === g && data[i + 2] === b;
+        return found;
+      });
+    }"""
+    assert min(tab.locator("#road").evaluate(count, data["road"]["colours"])) > 200
+
+
+@pytest.mark.parametrize(("vehicles", "cycles"), [(1, 1), (16, 20)])
+def test_any_run_can_be_looked_at(open_page, run_of, vehicles, cycles):
+    tab = open_page(render(run_of(Motions(vehicles, cycles))), size=PHONE)
+    assert tab.locator("#vehicles li").count() == vehicles
+    assert tab.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
+    tab.locator("#follow").select_option(str(vehicles))
+    tab.keyboard.press("End")
+    settle(tab)
+    assert tab.locator("#cursor").inner_text() == f"t = {(cycles - 1) / 100:.2f} s"
+    assert "NaN" not in tab.locator("#figures").inner_html()
+
+
+def test_it_plays_and_pauses(open_page, report_page):
+    tab = open_page(report_page)
+    still = tab.evaluate(CANVAS)
+    tab.get_by_role("button", name="Play").click()
+    tab.clock.run_for(1000)
+    assert time_of(tab) == pytest.approx(1.0, abs=SOON_S)
+    assert tab.evaluate(CANVAS) != still
+    tab.locator("#speed").select_option("2")
+    tab.clock.run_for(500)
+    assert time_of(tab) == pytest.approx(2.0, abs=2 * SOON_S)
+    tab.get_by_role("button", name="Pause").click()
+    settle(tab)
+    at, still = time_of(tab), tab.evaluate(CANVAS)
+    tab.clock.run_for(500)
+    assert (time_of(tab), tab.evaluate(CANVAS)) == (at, still)
+
+
+def test_playing_ends_with_the_run_and_begins_anew(open_page, report_page):
+    tab = open_page(report_page)
+    go_to(tab, 5.5)
+    tab.get_by_role("button", name="Play").click()
+    tab.clock.run_for(1000)
+    assert tab.locator("#cursor").inner_text() == "t = 5.99 s"
+    tab.get_by_role("button", name="Play").click()
+    tab.clock.run_for(300)
+    assert 0.2 < time_of(tab) < 0.35
+
+
+def test_keys_play_step_and_follow(open_page, report_page):
+    tab = open_page(report_page)
+    tab.keyboard.press("Space")
+    tab.clock.run_for(500)
+    tab.keyboard.press("Space")
+    settle(tab)
+    at = time_of(tab)
+    assert at == pytest.approx(0.5, abs=SOON_S)
+    for key, step in [("ArrowRight", 0.1), ("Shift+ArrowRight", 0.01), ("ArrowLeft", -0.1)]:
+        before = time_of(tab)
+        tab.keyboard.press(key)
+        settle(tab)
+        # The time line goes in cycles.
+        assert time_of(tab) - before == pytest.approx(step, abs=0.0051)
+    tab.keyboard.press("End")
+    settle(tab)
+    assert time_of(tab) == pytest.approx(5.99)
+    platoon = tab.evaluate(CANVAS)
+    tab.keyboard.press("3")
+    assert tab.locator("#follow").input_value() == "3"
+    assert tab.evaluate(CANVAS) != platoon
+
+
+def test_with_less_motion_asked_for_it_plays_in_steps(open_page, report_page):
+    tab = open_page(report_page, reduced_motion="reduce")
+    tab.get_by_role("button", name="Play").click()
+    times = []
+    for _ in range(60):
+        tab.clock.run_for(32)
+        times.append(time_of(tab))
+    assert times[-1] > 1.0
+    assert len(set(times)) <= 5
+
+
+def test_pointing_at_a_figure_moves_the_cursor_everywhere(open_page, report_page, formation):
+    tab = open_page(report_page)
+    before = tab.evaluate(CANVAS)
+    point(tab, "fig9", 0.5)
+    at = time_of(tab)
+    assert 2.0 < at < 4.0
+    tab.evaluate("scrollTo(0, 0)")
+    assert eventually(tab, lambda: tab.evaluate(CANVAS) != before)
+    lines = tab.locator("svg.plot path.cursor").evaluate_all(
+        "all => all.map(line => line.getAttribute('d').split(' ')[0])"
+    )
+    timed = [figure for figure in page_data(formation)["figures"] if figure["time"]]
+    assert len(lines) == len(timed)
+    assert all(float(line.removeprefix("M")) > 100 for line in lines)
+    # Figures that are not over time have it as a dot on their curves.
+    t, speed = formation.signal("veh1", "VehicleMotion", "VelocityX")
+    assert tab.locator("#fig11 circle.dot:visible").count() == 1
+    shown = [float(text) for text in tab.locator("#fig9 .key b").first.inner_text().split(" | ")]
+    assert len(shown) == 2
+    assert shown[0] == pytest.approx(speed[t.searchsorted(at - 0.005)], abs=0.1)
+    # The other way round: a place on a trail has a time.
+    point(tab, "fig7", 0.9)
+    assert time_of(tab) > at
+
+
+def test_dragging_looks_closer(open_page, report_page):
+    tab = open_page(report_page)
+    point(tab, "fig9", 0.4)
+    tab.mouse.down()
+    point(tab, "fig9", 0.7)
+    tab.mouse.up()
+    settle(tab)
+    assert tab.locator("#reset").is_visible()
+    labels = tab.locator("#fig10 svg.plot text").all_inner_texts()
+    assert "0" not in labels
+    tab.locator("#reset").click()
+    settle(tab)
+    assert not tab.locator("#reset").is_visible()
+
+
+def test_a_key_hides_its_curves(open_page, report_page):
+    tab = open_page(report_page)
+    tab.locator("#fig8 .key").first.click()
+    assert tab.locator("#fig8 path.curve").count() == 2
+    assert tab.locator("#fig8 .key").first.get_attribute("aria-pressed") == "false"
+
+
+def test_faults_and_modes_are_marked_and_listed(open_page, faulty):
+    tab = open_page(render(faulty))
+    rows = tab.locator("#event-rows tr").all_inner_texts()
+    assert [row.split("\t")[0] for row in rows[:4]] == ["0.50 s", "1.20 s", "1.20 s", "1.50 s"]
+    assert rows[4] == "and 1 more in the log, as when a part has started"
+    # The span of the fault is half of the run, and what lies on each other is one mark.
+    span, frame = (tab.locator(f"#fig8 rect.{name}").bounding_box()["width"] for name in ("span", "frame"))
+    assert span / frame == pytest.approx(1.0 / 1.99, abs=0.02)
+    marks = tab.locator("#fig8 .mark .hit")
+    assert marks.count() == 3
+    tab.locator("#fig8 svg.plot").scroll_into_view_if_needed()
+    marks.nth(1).hover()
+    assert tab.locator("#tip p").all_inner_texts() == [
+        "1.20 s veh1.planner: run -> safe (TrackerLost)",
+        "1.20 s veh2.planner: run -> degraded (PeerUnsafe)",
+    ]
+    marks.nth(1).click()
+    settle(tab)
+    assert time_of(tab) == pytest.approx(1.2, abs=0.011)
+    assert "safe: planner" in tab.locator("#vehicles li").first.inner_text()
+    tab.locator("#event-rows button").first.click()
+    settle(tab)
+    assert time_of(tab) == pytest.approx(0.5, abs=0.011)
+    assert "safe" not in tab.locator("#vehicles li").first.inner_text()
+
+
+def test_a_finger_reads_figures_and_marks(open_page, faulty):
+    tab = open_page(render(faulty), size=PHONE, has_touch=True, is_mobile=True)
+    tab.locator("#fig8 svg.plot").tap(position={"x": 200, "y": 90})
+    settle(tab)
+    assert time_of(tab) > 0.8
+    tab.locator("#fig8 .mark .hit").first.tap()
+    assert "ecu_crash" in tab.locator("#tip").inner_text()
+
+
+def test_colours_are_those_the_viewer_likes(open_page, report_page):
+    light, dark = (open_page(report_page, color_scheme=scheme) for scheme in ("light", "dark"))
+    grounds = [tab.evaluate("getComputedStyle(document.body).backgroundColor") for tab in (light, dark)]
+    assert grounds[0] != grounds[1]
+    assert light.evaluate(CANVAS) != dark.evaluate(CANVAS)
+
+
+def test_on_paper_is_a_still_picture_and_all_that_is_folded(open_page, report_page, tmp_path):
+    tab = open_page(report_page)
+    assert not tab.locator("#pictures").is_visible()
+    tab.emulate_media(media="print")
+    assert not tab.locator("#road").is_visible()
+    assert not tab.locator("#toolbar").is_visible()
+    assert tab.locator("#pictures g.car").count() == 3 * 6
+    assert tab.locator("#pictures figure").is_visible()
+    count = "document.querySelectorAll('details.printed[open]').length"
+    tab.evaluate(f"addEventListener('beforeprint', () => {{ document.title = String({count}); }})")
+    assert tab.pdf(path=tmp_path / "report.pdf").startswith(b"%PDF")
+    assert tab.title() == "2"
+    assert tab.locator("details.printed[open]").count() == 0
+
+
+def test_two_runs_are_drawn_over_each_other(open_page, formation, run_of):
+    """A solid and to its end, B, of five vehicles, dashed; B's end is earlier, and both can be hidden."""
+    tab = open_page(render_both(formation, run_of(Motions(5, 300))))
+    assert tab.locator("#fig8 path.curve").count() == 8
+    assert tab.locator("#fig8 path.curve.dash.b").count() == 5
+    assert tab.locator("#fig9 path.curve.dots").count() == 0
+    tab.locator("#layer-second").check()
+    settle(tab)
+    tab.locator("#fig9 svg.plot").scroll_into_view_if_needed()
+    assert eventually(tab, lambda: tab.locator("#fig9 path.curve.dots").count() == 3)
+    assert tab.locator("#vehicles li").count() == 8
+    assert tab.locator("#tables tbody tr").first.inner_text().startswith("Formation time	")
+    go_to(tab, 5.0)
+    # B has no value there any more, but where its vehicles were last is still shown.
+    tab.evaluate("scrollTo(0, 0)")
+    first = tab.evaluate(CANVAS)
+    tab.locator("#layer-b").uncheck()
+    assert eventually(tab, lambda: tab.evaluate(CANVAS) != first)
+    tab.locator("#fig8 svg.plot").scroll_into_view_if_needed()
+    assert eventually(tab, lambda: tab.locator("#fig8 path.curve").count() == 3)
+    assert tab.evaluate("document.documentElement.scrollWidth") == DESK["width"]
+
+
+def test_a_run_that_goes_on_grows_and_is_followed_until_the_viewer_takes_the_time(open_page, formation):
+    sockets = []
+    tab = open_page(
+        render_live(formation),
+        prepare=lambda tab: tab.route_web_socket("**/feed", lambda socket: sockets.append(socket)),
+    )
+
+    def tell(**message):
+        sockets[0].send(json.dumps(message))
+        tab.wait_for_timeout(50)
+        tab.clock.run_for(1500)
+
+    tab.locator("#fig8 svg.plot").scroll_into_view_if_needed()
+    assert eventually(tab, lambda: len(sockets) == 1)
+    span = (0.0, 2.0)
+    assert tab.locator("#status").inner_text() in ("connecting ...", "live")
+    tell(append={"pool": pool_of(formation, span), "events": events_of(formation.events, span)})
+    assert 1.0 < time_of(tab) < 2.0
+    drawn = tab.locator("#fig8 path.curve").first
+    assert eventually(tab, lambda: drawn.get_attribute("d"))
+    once = drawn.get_attribute("d")
+    followed = time_of(tab)
+    tell(append={"pool": pool_of(formation, (2.0, 4.0)), "events": []})
+    assert time_of(tab) > followed
+    assert len(drawn.get_attribute("d")) > 1.5 * len(once)
+    tell(status="4 of 6 s")
+    assert tab.locator("#status").inner_text() == "4 of 6 s"
+    # The viewer takes the time, and what comes leaves it where it is.
+    go_to(tab, 1.0)
+    tell(append={"pool": pool_of(formation, (4.0, 5.0)), "events": []})
+    assert time_of(tab) == 1.0
+    tab.locator("#newest").click()
+    tab.clock.run_for(1000)
+    assert time_of(tab) > 4.0
+    tell(replace=page_data(formation))
+    assert tab.locator("#tables tbody tr").count() > 10
+    assert tab.locator("#status").inner_text() == "the run has ended"
+    assert not tab.locator("#newest").is_visible()
+    go_to(tab, 9.0)
+    assert tab.locator("#cursor").inner_text() == "t = 5.99 s"
