@@ -8,10 +8,11 @@ import json
 import os
 import sys
 import warnings
+from contextlib import ExitStack
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,7 +20,14 @@ from bench.errors import BadInput, BenchError
 from bench.fmu_cli import fmu_app
 from bench.log_cli import log_app
 from bench.output_paths import check_directory, check_report, check_suffix
+from bench.replay_cli import add_replay
+from bench.resim_cli import add_resim
 from platoon_fmu.errors import FmuError
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from bench.live.session import LiveSession
 
 LOGS = Path("logs")
 """Where runs land if not told otherwise, in the working directory."""
@@ -36,6 +44,8 @@ app = typer.Typer(
 )
 app.add_typer(fmu_app, name="fmu")
 app.add_typer(log_app, name="log")
+add_replay(app)
+add_resim(app)
 
 
 class Role(StrEnum):
@@ -93,6 +103,14 @@ def run(
     wait: Annotated[
         float, typer.Option(metavar="SECONDS", min=0, help="How long to wait for the ECUs of --without.")
     ] = 120.0,
+    live: Annotated[bool, typer.Option("--live", help="Serve the report's page, and Foxglove, while it runs.")] = False,
+    live_address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT",
+            help="Where --live listens, Foxglove on the port after it; a free port of 127.0.0.1 if not given.",
+        ),
+    ] = None,
 ) -> None:
     """Run a scenario: write its log and report, show what came of it."""
     from bench.bus.address import Address
@@ -105,20 +123,30 @@ def run(
     ecus = _ecu_classes(ecu or [])
     log = _log_path(out, loaded.name, with_report=not no_report)
 
-    from bench.conductor import run as conductor
-    from bench.summary import following, show_metrics, show_timing
+    with ExitStack() as stack:
+        session = stack.enter_context(_live(log, live_address)) if live or live_address else None
+        from bench.conductor import run as conductor
+        from bench.summary import following, show_metrics, show_timing
 
-    with following(loaded.name, loaded.duration_s) as on_progress:
+        if session is not None:
+            typer.echo(session.served())
+        on_progress = stack.enter_context(following(loaded.name, loaded.duration_s))
+
+        def tell(time_s: float) -> None:
+            on_progress(time_s)
+            if session is not None:
+                session.check()
+
         result = conductor.run(
             loaded,
             address=address,
             out=log,
             command_line=["platoon", *sys.argv[1:]],
-            on_progress=on_progress,
+            on_progress=tell,
             ecus=ecus,
             without=without or (),
             without_wait_s=wait,
-            on_waiting=lambda line: typer.echo(f"platoon: {line}", err=True),
+            on_waiting=_warn,
             realtime=clock == "realtime",
         )
 
@@ -171,29 +199,63 @@ def metrics(
 @app.command()
 def report(
     log: Log,
+    other: Annotated[
+        Path | None, typer.Argument(metavar="[OTHER.mcap]", help="The log of a run to lay over it.", show_default=False)
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
 ) -> None:
-    """Write a report of a run: one HTML file that needs no network."""
+    """Write a report of a run, or of two laid over each other: one HTML file that needs no network."""
     from bench.analysis.report import write
     from bench.record.reader import Run
 
-    recorded = Run(_readable(log))
-    target = out or _report_path(log)
+    runs = [Run(_readable(path)) for path in (log, other) if path is not None]
+    beside = log if other is None else log.with_name(f"{log.stem}-and-{other.stem}.mcap")
+    target = out or _report_path(beside)
     check_report(target)
-    write(recorded, target)
+    write(runs[0], target, *runs[1:])
     typer.echo(str(target))
+
+
+@app.command()
+def live(
+    log: Log,
+    address: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where to listen, for Foxglove on the port after it.")
+    ] = "127.0.0.1:0",
+) -> None:
+    """Serve a log's page in the way of `run --live`, also while another bench writes it, until Ctrl-C."""
+    from bench.live.address import LiveAddress
+    from bench.live.session import check_available
+
+    where = LiveAddress.parse(address)
+    check_available()
+    from bench.live.alone import serve_alone
+
+    serve_alone(_readable(log), where, typer.echo)
 
 
 @app.command(epilog="Exit codes: 0 the same frames, 1 different ones, 2 bad input.")
 def diff(
     a: Annotated[Path, typer.Argument(metavar="A.mcap", help="The log of a run.")],
     b: Annotated[Path, typer.Argument(metavar="B.mcap", help="The log to compare it with.")],
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="F.html", help="Draw what differs, and both runs over each other, as one page."),
+    ] = None,
 ) -> None:
     """Compare the frames of two runs, leaving out only messages that carry wall-clock figures."""
     from bench.record.compare import diff as compare
 
+    if plot is not None:
+        check_report(plot)
     difference = compare(_readable(a), _readable(b))
     typer.echo(str(difference))
+    if plot is not None:
+        from bench.analysis.report import write_difference
+        from bench.record.reader import Run
+
+        write_difference(Run(a), Run(b), difference.signals, plot)
+        typer.echo(f"plot:   {plot}")
     raise typer.Exit(0 if difference.same else 1)
 
 
@@ -323,6 +385,22 @@ def main() -> None:
             raise
         typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True)
         sys.exit(BadInput.exit_code)
+
+
+def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession]":
+    """Serve a log while the context lasts.
+
+    Raises:
+        BadInput: not an address, or the packages for it are not installed.
+    """
+    from bench.live.address import DEFAULT, LiveAddress
+    from bench.live.session import live
+
+    return live(log, LiveAddress.parse(address or DEFAULT), _warn)
+
+
+def _warn(text: str) -> None:
+    typer.echo(f"platoon: {text}", err=True)
 
 
 def _ecu_classes(chosen: list[str]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu]`, all where none is named."""
+"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all where none is named."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 from rich.table import Table
 
-from bench.benchmarks import bus, fmu, loop
+from bench.benchmarks import bus, fmu, live, loop, record
 
 PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
     "loop": loop.tables,
     "bus": bus.tables,
     "fmu": fmu.tables,
+    "live": live.tables,
+    "record": record.tables,
 }
 
 

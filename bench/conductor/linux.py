@@ -51,6 +51,23 @@ def as_batch_work() -> Iterator[None]:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
+@contextmanager
+def give_way() -> Iterator[None]:
+    """Let this process, with all its threads, run only where nothing else wants to (SCHED_IDLE, sched(7))."""
+    _schedule_all_threads("SCHED_IDLE")
+    try:
+        yield
+    finally:
+        _schedule_all_threads("SCHED_OTHER")
+
+
+def _schedule_all_threads(policy: str) -> None:
+    for thread in os.listdir("/proc/self/task") if sys.platform == "linux" else ():  # noqa: PTH208 - numbers, not paths
+        # Where it is forbidden, as in some containers, all works without it too; and a thread may have ended.
+        with suppress(OSError):
+            os.sched_setscheduler(int(thread), getattr(os, policy), os.sched_param(0))
+
+
 def set_real_time(pid: int, priority: int) -> bool:
     """Let a process go before all others of a lower `priority` (1..99) until it waits (SCHED_FIFO, sched(7)).
 

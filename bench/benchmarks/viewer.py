@@ -1,0 +1,32 @@
+"""A viewer of a live run that only reads: `python -m bench.benchmarks.viewer URL`; it prints the number of rows."""
+
+import json
+import sys
+import time
+import urllib.request
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+_AGAIN_S = 0.5
+
+
+def main() -> None:
+    """Fetch the page until it is there, then read its feed to the end."""
+    page = sys.argv[1]
+    while True:
+        with urllib.request.urlopen(page) as answer:
+            if b'id="data"' in answer.read():
+                break
+        time.sleep(_AGAIN_S)
+    rows = 0
+    with connect(page.replace("http:", "ws:") + "feed", max_size=None) as feed:
+        try:
+            while True:
+                rows += len(json.loads(feed.recv()).get("append", {}).get("pool", {}).get("t", []))
+        except ConnectionClosed:
+            sys.stdout.write(f"{rows}\n")
+
+
+if __name__ == "__main__":
+    main()

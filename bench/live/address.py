@@ -1,0 +1,81 @@
+"""Where the live server listens: HOST:PORT, and which names in a request are its own."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+from dataclasses import dataclass
+
+from bench.errors import BadInput
+
+DEFAULT = "127.0.0.1:0"
+
+
+@dataclass(frozen=True)
+class LiveAddress:
+    """Where to listen.
+
+    Attributes:
+        host: a name or address of this machine.
+        port: of the page; Foxglove's is the next one. 0 for any two.
+    """
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> LiveAddress:
+        """Return the address that `text` names.
+
+        Raises:
+            BadInput: it is not HOST:PORT.
+        """
+        host, colon, port = text.rpartition(":")
+        host = host.removeprefix("[").removesuffix("]")
+        if not (colon and host and port.isascii() and port.isdecimal()) or int(port) > 65534:
+            raise BadInput(
+                f"{text!r} is no address to listen on: want HOST:PORT with a port of 0 (any) to 65534, for example "
+                f"{DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"
+            )
+        return cls(host, int(port))
+
+    @property
+    def foxglove_port(self) -> int:
+        """Where to listen for Foxglove."""
+        return self.port + 1 if self.port else 0
+
+    def url(self, scheme: str, port: int) -> str:
+        """Return a URL that a viewer on this machine can open."""
+        host = self.host
+        if _is_any(host):
+            host = socket.gethostname()
+        return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+
+    def is_own(self, authority: str) -> bool:
+        """Return whether `authority`, HOST or HOST:PORT, can be what a viewer calls this server by.
+
+        A page of somebody else's can have its own name lead to this machine (DNS rebinding), and would then be let at
+        what is served here as if it were its own. It cannot do so with an address or with a name of this machine's.
+        """
+        host = _host_of(authority)
+        if host in {"localhost", self.host.lower(), socket.gethostname().lower()}:
+            return True
+        try:
+            ipaddress.ip_address(host)
+        except ValueError:
+            return False
+        return True
+
+
+def _host_of(authority: str) -> str:
+    """Return the host of HOST, HOST:PORT or [ADDRESS]:PORT."""
+    if authority.startswith("["):
+        return authority[1:].partition("]")[0].lower()
+    return authority.partition(":")[0].lower()
+
+
+def _is_any(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return False

@@ -1,0 +1,57 @@
+"""How far somebody has been told of a log that is being written, and what comes next."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from bench.live.tail import Chunk, Tail
+
+BEHIND_NS = 500_000_000
+"""A group of channels that is further behind the others than this has come to its end."""
+
+LAG_NS = 30_000_000
+"""Frames of a busy bus stand in the log up to some cycles after the truth of their time; what is told is older."""
+
+SPAN_NS = 2_000_000_000
+"""How much simulated time is told at once; a viewer that comes late is told of what there is piece by piece."""
+
+
+class Span(NamedTuple):
+    """A span of simulated time of which the log holds everything.
+
+    Attributes:
+        start_ns, end_ns: from the first, until before the second.
+        chunks: those that have something of it.
+    """
+
+    start_ns: int
+    end_ns: int
+    chunks: list[Chunk]
+
+
+class Cursor:
+    """A place in a log, which only goes forward.
+
+    Attributes:
+        told_ns: everything before this time has been told.
+    """
+
+    def __init__(self) -> None:
+        """Begin at the beginning."""
+        self.told_ns = 0
+        self._first = 0
+
+    def next(self, tail: Tail) -> Span | None:
+        """Return what is to be told next; None where there is nothing yet that is complete."""
+        chunks = tail.chunks
+        while self._first < len(chunks) and chunks[self._first].end_ns < self.told_ns:
+            self._first += 1
+        later = [chunk for chunk in chunks[self._first :] if chunk.end_ns >= self.told_ns]
+        if not later:
+            return None
+        complete = max(tail.groups.complete_ns, tail.newest_ns - BEHIND_NS) - LAG_NS
+        start = max(self.told_ns, min(chunk.start_ns for chunk in later))
+        end = min(start + SPAN_NS, tail.newest_ns + 1 if tail.ended else complete)
+        if end <= start:
+            return None
+        return Span(start, end, [chunk for chunk in later if chunk.start_ns < end])

@@ -1,0 +1,144 @@
+"""Serves the live page at `/` and what it is told at `/feed`, a WebSocket; nothing else, and no file by its path."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from urllib.parse import urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+
+from bench.errors import BadInput
+from bench.live.address import LiveAddress
+from bench.live.feed import Feed, Place
+
+MAX_VIEWERS = 32
+CLOSE_S = 2.0
+"""Wall-clock time in s that a viewer has to close its connection."""
+
+OPENING_S = 1.0
+"""Wall-clock time in s that a browser that has been given the page may take to open the feed."""
+
+ASK_S = 0.02
+"""How often it is looked in the end whether all viewers have been told all (s)."""
+
+_FEED = "/feed"
+
+
+class PageServer:
+    """The page's server."""
+
+    def __init__(self, address: LiveAddress, feed: Feed, page: Callable[[], Awaitable[str]]) -> None:
+        """Serve what `page` gives, and `feed`."""
+        self._address = address
+        self._feed = feed
+        self._page = page
+        self._server: Server | None = None
+        self._viewers: dict[ServerConnection, Place] = {}
+        self._opening_until = 0.0
+
+    @property
+    def watched(self) -> bool:
+        """Whether a page is open."""
+        return bool(self._viewers)
+
+    async def start(self) -> int:
+        """Listen; return the port.
+
+        Raises:
+            BadInput: the address cannot be listened on.
+        """
+        host, port = self._address.host, self._address.port
+        try:
+            self._server = await serve(
+                self._tell,
+                host,
+                port,
+                process_request=self._answer,
+                # Viewers say nothing.
+                max_size=1024,
+                max_queue=1,
+                compression=None,
+                close_timeout=CLOSE_S,
+                server_header=None,
+            )
+        except OSError as error:
+            raise BadInput(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
+        return int(self._server.sockets[0].getsockname()[1])
+
+    async def stop(self) -> None:
+        """Let those who are there be told all there is, then close all connections.
+
+        Who does not read is waited for as long as the caller does.
+        """
+        while self._is_awaited():
+            await asyncio.sleep(ASK_S)
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+
+    def _is_awaited(self) -> bool:
+        """Whether somebody is about to open the feed, or has not been told all there is."""
+        places = self._viewers.values()
+        return time.monotonic() < self._opening_until or any(self._feed.has_more(place) for place in places)
+
+    async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request; None lets the WebSocket be opened."""
+        host = request.headers.get("Host", "")
+        if not self._address.is_own(host):
+            return connection.respond(403, "Open this page by an address or the name of this machine.\n")
+        path = urlsplit(request.path).path
+        if path == "/":
+            page = await self._page()
+            self._opening_until = time.monotonic() + OPENING_S
+            return _html(page)
+        if path != _FEED:
+            return connection.respond(404, "There is nothing but / and /feed.\n")
+        origin = request.headers.get("Origin")
+        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+            return connection.respond(403, "Only the page that is served here may open its feed.\n")
+        if len(self._viewers) >= MAX_VIEWERS:
+            return connection.respond(503, f"There are {MAX_VIEWERS} viewers already.\n")
+        return None
+
+    async def _tell(self, viewer: ServerConnection) -> None:
+        """Send a viewer all there is and all that comes, until it has been told the end or leaves."""
+        self._opening_until = 0.0
+        self._viewers[viewer] = place = Place()
+        gone = asyncio.ensure_future(viewer.wait_closed())
+        try:
+            while not place.ended:
+                more = asyncio.ensure_future(self._feed.after(place))
+                await asyncio.wait({more, gone}, return_when=asyncio.FIRST_COMPLETED)
+                if gone.done():
+                    more.cancel()
+                    return
+                message, place = more.result()
+                await viewer.send(message)
+                self._viewers[viewer] = place
+            await viewer.close()
+        except ConnectionClosed:
+            return
+        finally:
+            gone.cancel()
+            del self._viewers[viewer]
+
+
+def _html(page: str) -> Response:
+    body = page.encode()
+    headers = Headers(
+        [
+            ("Content-Type", "text/html; charset=utf-8"),
+            ("Content-Length", str(len(body))),
+            ("Cache-Control", "no-store"),
+            ("X-Content-Type-Options", "nosniff"),
+            ("Cross-Origin-Resource-Policy", "same-origin"),
+            ("X-Frame-Options", "DENY"),
+            ("Connection", "close"),
+        ]
+    )
+    return Response(200, "OK", headers, body)

@@ -1,0 +1,120 @@
+"""The live server as a run has it: started before the run, ended with it, and missed by nobody if it dies."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+
+from bench.errors import BadInput
+from bench.live.address import LiveAddress
+
+START_S = 60.0
+"""Wall-clock time in s that the server may take to start; only a machine in trouble needs more."""
+
+END_S = 30.0
+"""Wall-clock time in s that it may take to show the whole run to who watches, before it is killed."""
+
+PACKAGES = {"foxglove": "foxglove-sdk", "websockets": "websockets"}
+"""Module -> package that has it, of what the server needs beyond the bench."""
+
+
+def check_available() -> None:
+    """Refuse to serve without the packages for it.
+
+    Raises:
+        BadInput: they are not installed.
+    """
+    missing = [name for module, name in PACKAGES.items() if find_spec(module) is None]
+    if missing:
+        raise BadInput(f"the live page needs {' and '.join(missing)}; to install it, type: pip install 'platoon[live]'")
+
+
+class LiveSession:
+    """A server in a process of its own."""
+
+    def __init__(self, log: Path, address: LiveAddress, warn: Callable[[str], None]) -> None:
+        """Start serving `log`, which need not be there yet; `warn` is told where that has come to an early end."""
+        self._warn = warn
+        self._warned = False
+        self._closing = ExitStack()
+        self._last_words = self._closing.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - it is
+        given = {"log": str(log.absolute()), "host": address.host, "port": address.port, "parent": os.getpid()}
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "bench.live.process", json.dumps(given)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._last_words,
+        )
+
+    def served(self) -> str:
+        """Wait until it listens; return where, as a line for a person.
+
+        Raises:
+            BadInput: it cannot listen there.
+        """
+        told = b""
+        if self._process.stdout is not None and select.select([self._process.stdout], [], [], START_S)[0]:
+            told = self._process.stdout.readline()
+        answer = json.loads(told or "{}")
+        if "served" not in answer:
+            raise BadInput(answer.get("refused") or f"the live server did not start: {self._words()}")
+        return str(answer["served"])
+
+    def check(self) -> None:
+        """Warn, once, where the server has failed."""
+        code = self._process.poll()
+        if code and not self._warned:
+            self._warned = True
+            ended = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+            self._warn(f"the live server {ended}{self._words(': ')}; the run goes on without it")
+
+    def end(self) -> None:
+        """Have viewers told the end, then end the server."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(END_S)
+            self.check()
+        except subprocess.TimeoutExpired:
+            self._warn(f"the live server has not ended in {END_S:g} s and is killed")
+        finally:
+            self.kill()
+
+    def kill(self) -> None:
+        """End the server at once."""
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+        self._closing.close()
+
+    def _words(self, before: str = "") -> str:
+        """The last line it has written to its standard error."""
+        self._last_words.seek(0)
+        lines = self._last_words.read().decode(errors="replace").strip().splitlines()
+        return before + lines[-1] if lines else ""
+
+
+@contextmanager
+def live(log: Path, address: LiveAddress, warn: Callable[[str], None]) -> Iterator[LiveSession]:
+    """Serve a log while the context lasts.
+
+    Raises:
+        BadInput: the packages for it are not installed.
+    """
+    check_available()
+    session = LiveSession(log, address, warn)
+    try:
+        yield session
+    finally:
+        session.end()
