@@ -27,7 +27,7 @@ class Recorded:
         self.events = []
 
 
-def open_writer(path, codecs):
+def open_writer(path, codecs, timeline=None):
     return RunWriter(
         path,
         codecs=codecs,
@@ -36,6 +36,7 @@ def open_writer(path, codecs):
         metadata={"seed": "7"},
         attachments={"scenario.toml": SCENARIO, "vehicle.dbc": b"VERSION"},
         truth_units={"X": "m", "psi": "rad"},
+        timeline=timeline,
     )
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from bench.bus.timing import BusTimeline
 from bench.errors import BadInput
 from bench.record import RunWriter, diff
 
@@ -126,6 +127,22 @@ def test_of_several_frames_of_a_message_in_one_cycle_the_one_that_differs_is_sho
     first = diff(*paths).first
     assert "Identifier 512" in first.a
     assert "Identifier 513" in first.b
+
+
+def test_when_a_log_was_flushed_makes_no_difference_on_an_overloaded_bus(codecs, tmp_path):
+    paths = []
+    for name, flushes in (("a", True), ("b", False)):
+        paths.append(tmp_path / f"{name}.mcap")
+        with open_writer(paths[-1], codecs, timeline=BusTimeline(codecs, {})) as writer:
+            for cycle in range(8):
+                time_ns = cycle * 10_000_000
+                for n in range(60 if cycle < 4 else 5):
+                    writer.frame("veh1", time_ns, 0x700 - n, bytes([cycle] * 8), 0)
+                announced = {"Identifier": 0x200, "Cycle": cycle}
+                writer.frame("veh1", time_ns, *codecs["veh1"].encode("BenchAbsent", announced), 0)
+                if flushes:
+                    writer.flush()
+    assert diff(*paths).same
 
 
 def test_nothing_to_compare_is_no_success(codecs, tmp_path, make_log):
