@@ -4,6 +4,7 @@ What it needs is imported inside it, so that help does not wait for the rest.
 """
 
 import math
+import signal
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -66,6 +67,9 @@ def replay(
         settled = stack.enter_context(settle(address, vehicles))
         links = {bus: stack.enter_context(open_link(bus, settled)) for bus in chosen.buses}
         typer.echo(", ".join(f"{bus} on {settled.place_of(bus)}" for bus in links))
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            # A shell has what it starts with & ignore it; somebody who sends it means it.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         frames = (frame for frame in run.frames(start_s=start_s, end_s=end_s) if chosen.has(frame.bus, frame.can_id))
         played = play(in_order(frames), links, factor)
     if not (played.sent_frames or played.failed or played.interrupted):

@@ -130,7 +130,7 @@ def test_a_crash_in_compiled_code_leaves_last_words(start, unruly: Unruly) -> No
 
 
 def test_a_full_disk_ends_the_run(start) -> None:
-    run = start(set=LONG, file_limit=300_000)
+    run = start(set=LONG, file_limit=1_000_000)
     code, _, errors = run.end()
     assert code == 1
     assert f"cannot write the log {run.out}" in errors
