@@ -123,12 +123,11 @@ def _every_time(times: Mapping[str, Times], span: Span) -> Times:
 
 def _steps(times: Mapping[str, Times], span: Span, step: int) -> Times:
     ends = [(int(at[0]), int(at[-1])) for at in times.values() if len(at)]
-    if not ends:
+    if not ends and (span.start_ns < 0 or span.end_ns == FOREVER_NS):
         return np.empty(0, np.int64)
     start = min(first for first, _ in ends) if span.start_ns < 0 else span.start_ns
-    last = max(last for _, last in ends)
     # Where an end was asked for, the last values are held until there.
-    end = last + 1 if span.end_ns == FOREVER_NS else span.end_ns
+    end = max(last for _, last in ends) + 1 if span.end_ns == FOREVER_NS else span.end_ns
     if (end - start) / step > MAX_ROWS:
         raise BadInput(
             f"every_s {step / NS:g} makes {(end - start) // step} rows, more than {MAX_ROWS}; give a larger one"

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
@@ -59,6 +59,7 @@ times = st.lists(st.integers(0, 50), min_size=0, max_size=12).map(sorted)
 
 
 @settings(deadline=None, max_examples=40)
+@example(a=[1], b=[1], start=0, length=1, every=1)
 @given(a=times, b=times, start=st.integers(0, 60), length=st.integers(1, 60), every=st.none() | st.integers(1, 7))
 def test_a_joined_signal_has_the_last_value_it_had_and_never_a_later_one(
     a, b, start, length, every, codecs, tmp_path_factory
