@@ -19,7 +19,7 @@ import typer
 from bench.errors import BadInput, BenchError
 from bench.fmu_cli import fmu_app
 from bench.log_cli import log_app
-from bench.output_paths import check_directory, check_report, check_suffix
+from bench.output_paths import check_directory, check_report, check_suffix, readable_log
 from bench.replay_cli import add_replay
 from bench.resim_cli import add_resim
 from platoon_fmu.errors import FmuError
@@ -187,7 +187,7 @@ def metrics(
     from bench.analysis.metrics import compute
     from bench.record.reader import Run
 
-    figures = compute(Run(_readable(log)))
+    figures = compute(Run(readable_log(log)))
     if as_json:
         typer.echo(json.dumps(figures.as_dict(), indent=2))
         return
@@ -208,11 +208,11 @@ def report(
     from bench.analysis.report import write
     from bench.record.reader import Run
 
-    runs = [Run(_readable(path)) for path in (log, other) if path is not None]
+    run, second = Run(readable_log(log)), None if other is None else Run(readable_log(other))
     beside = log if other is None else log.with_name(f"{log.stem}-and-{other.stem}.mcap")
     target = out or _report_path(beside)
     check_report(target)
-    write(runs[0], target, *runs[1:])
+    write(run, target, second)
     typer.echo(str(target))
 
 
@@ -231,7 +231,7 @@ def live(
     check_available()
     from bench.live.alone import serve_alone
 
-    serve_alone(_readable(log), where, typer.echo)
+    serve_alone(readable_log(log), where, typer.echo)
 
 
 @app.command(epilog="Exit codes: 0 the same frames, 1 different ones, 2 bad input.")
@@ -248,13 +248,13 @@ def diff(
 
     if plot is not None:
         check_report(plot)
-    difference = compare(_readable(a), _readable(b))
+    difference = compare(readable_log(a), readable_log(b))
     typer.echo(str(difference))
     if plot is not None:
-        from bench.analysis.report import write_difference
+        from bench.analysis.report import write
         from bench.record.reader import Run
 
-        write_difference(Run(a), Run(b), difference.signals, plot)
+        write(Run(a), plot, Run(b), difference.signals)
         typer.echo(f"plot:   {plot}")
     raise typer.Exit(0 if difference.same else 1)
 
@@ -450,21 +450,6 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
 
 def _report_path(log: Path) -> Path:
     return log.with_suffix(".html")
-
-
-def _readable(log: Path) -> Path:
-    """Refuse what is no file to read.
-
-    Raises:
-        BadInput: no such file, a directory, or no permission.
-    """
-    if not log.is_file():
-        raise BadInput(
-            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
-        )
-    if not os.access(log, os.R_OK):
-        raise BadInput(f"{log} cannot be read: no permission")
-    return log
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ What a command needs is imported inside it, so that help does not wait for the r
 """
 
 import json
-import os
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import BadInput
+from bench.output_paths import readable_log
 
 if TYPE_CHECKING:
     from bench.record.exchange import Format
@@ -51,7 +51,7 @@ def info(
     from bench.record.overview import overview
     from bench.record.reader import Run
 
-    found = overview(Run(_readable(log)))
+    found = overview(Run(readable_log(log)))
     if as_json:
         typer.echo(json.dumps(asdict(found), indent=1, ensure_ascii=False))
         return
@@ -83,7 +83,7 @@ def signals(
     """List signals and true values: name, unit, how many values, from when to when."""
     from bench.record.reader import Run
 
-    found = Run(_readable(log)).signal_frame(pattern, ranges=ranges).drop("comment")
+    found = Run(readable_log(log)).signal_frame(pattern, ranges=ranges).drop("comment")
     # Numbers to the right of their columns, text to the left.
     texts = [[name, *map(_cell, found[name])] for name in found.columns]
     signs = ["<" if name in ("name", "unit") else ">" for name in found.columns]
@@ -137,7 +137,7 @@ def export(
     target = out or log.with_suffix(table.suffix)
     patterns = signal or ["*"]
     done = export_table(
-        _readable(log), target, table, patterns, start_s=start_s, end_s=end_s, every_s=every_s, labels=labels
+        readable_log(log), target, table, patterns, start_s=start_s, end_s=end_s, every_s=every_s, labels=labels
     )
     typer.echo(f"{target}: {done.rows} rows of {done.columns} signals")
 
@@ -188,7 +188,7 @@ def recover(
     from bench.record.recover import recover as recovered
 
     target = out or log.with_name(f"{log.stem}-recovered.mcap")
-    done = recovered(_readable(log), target)
+    done = recovered(readable_log(log), target)
     typer.echo(f"{target}: {done.summary}")
     for what in done.lost:
         typer.echo(f"lost: {what}")
@@ -208,7 +208,7 @@ def layout(
     from bench.record.foxglove_layout import layout as made_for
     from bench.record.reader import Run
 
-    vehicles = 3 if log is None else Run(_readable(log)).vehicles
+    vehicles = 3 if log is None else Run(readable_log(log)).vehicles
     typer.echo(json.dumps(made_for(vehicles), indent=1))
 
 
@@ -225,7 +225,7 @@ def _export_frames(log: Path, kind: FormatName, out: Path | None, buses: list[st
 
     chosen = _format(kind, out)
     target = out or log.with_suffix(chosen.suffix)
-    done = export_log(_readable(log), target, chosen, buses)
+    done = export_log(readable_log(log), target, chosen, buses)
     channels = ", ".join(f"{number} = {name}" for name, number in done.channels.items() if number != name)
     typer.echo(f"{target}: {done.frames} frames{f', channels {channels}' if channels else ''}")
     _show(done.notes)
@@ -252,11 +252,3 @@ def _format(kind: FormatName | None, out: Path | None) -> "Format":
 def _show(notes: tuple[str, ...]) -> None:
     for note in notes:
         typer.echo(f"platoon: {note}", err=True)
-
-
-def _readable(log: Path) -> Path:
-    if not log.is_file():
-        raise BadInput(f"{log} is {'a directory' if log.is_dir() else 'not there'}; give a log, a .mcap file")
-    if not os.access(log, os.R_OK):
-        raise BadInput(f"{log} cannot be read: no permission")
-    return log

@@ -1,9 +1,24 @@
-"""Files that commands write: refused early where they cannot be, and never left half written."""
+"""Files that commands read and write: refused early where they cannot be, and never left half written."""
 
 import os
 from pathlib import Path
 
 from bench.errors import BadInput
+
+
+def readable_log(log: Path) -> Path:
+    """Return the log, refusing what is no file to read.
+
+    Raises:
+        BadInput: no such file, a directory, or no permission.
+    """
+    if not log.is_file():
+        raise BadInput(
+            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
+        )
+    if not os.access(log, os.R_OK):
+        raise BadInput(f"{log} cannot be read: no permission")
+    return log
 
 
 def check_suffix(target: Path, suffix: str) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import BadInput
+from bench.output_paths import readable_log
 
 if TYPE_CHECKING:
     from bench.replay.player import Played
@@ -56,11 +57,7 @@ def replay(
     address = Address.parse(*(can or ()))
     if address.hub is not None:
         raise BadInput("--can direct: nobody else could see the frames; allowed: udp, udp:PORT, vcan, IFACE:CHANNEL")
-    if not log.is_file():
-        raise BadInput(
-            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
-        )
-    run = Run(log)
+    run = Run(readable_log(log))
     chosen = Selection.of(run, only or (), without or ())
     vehicles = max([1, *(_number(bus) for bus in chosen.buses), *(bus_number(bus) for bus, _ in address.own)])
     with ExitStack() as stack:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bench.errors import BadInput
-from bench.output_paths import check_directory, check_suffix
+from bench.output_paths import check_directory, check_suffix, readable_log
 
 EXIT_CODES = "Exit codes: 0 they send the same, 1 they do not, or one never ran or failed, 2 bad input."
 
@@ -48,10 +48,7 @@ def resim(
     from bench.resim.plan import make_plan
     from bench.resim.text import describe
 
-    if not log.is_file():
-        raise BadInput(
-            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
-        )
+    readable_log(log)
     if out is not None:
         check_suffix(out, ".mcap")
         check_directory(out)

@@ -28,13 +28,15 @@ SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "ani
 LIVE_SCRIPTS = ("live",)
 
 
-def write(run: Run, out: Path, other: Run | None = None) -> None:
+def write(run: Run, out: Path, other: Run | None = None, signals: Sequence[SignalDifference] = ()) -> None:
     """Write the report of `run` to `out`, over what is there; laid over it `other`, where one is given.
+
+    Of two runs, `signals` that differ are drawn before all else; see `render_both`.
 
     Raises:
         BadInput: a log has no truth or no scenario, or the file cannot be written.
     """
-    write_report(out, render(run) if other is None else render_both(run, other))
+    write_report(out, render(run) if other is None else render_both(run, other, signals))
 
 
 def render(run: Run) -> str:
@@ -46,15 +48,6 @@ def render(run: Run) -> str:
     buses = bus_loads(run)
     data = page_data(run, buses)
     return _page(data, f"platoon: {data['scenario']}", _figure(snapshots(run)), strip(buses) if buses else "")
-
-
-def write_difference(a: Run, b: Run, signals: Sequence[SignalDifference], out: Path) -> None:
-    """Write the report of two runs laid over each other to `out`, the signals that differ before all else.
-
-    Raises:
-        BadInput: a log has no truth or no scenario, or the file cannot be written.
-    """
-    write_report(out, render_both(a, b, signals))
 
 
 def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str:

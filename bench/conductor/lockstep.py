@@ -7,6 +7,7 @@ not come.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
@@ -19,9 +20,11 @@ from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.outages import GOES_ON_WITHOUT, Outages
-from bench.conductor.recorder import Recorder
 from bench.conductor.seats import Seats
 from bench.errors import RunFailed
+
+if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+    from bench.conductor.recorder import Recorder
 
 PROGRESS_CYCLES = 10
 """Cycles between two calls of the progress function."""
@@ -85,7 +88,7 @@ class Lockstep:
         """Simulated time in s of the cycle under way."""
         return self.cycle * CYCLE_MS / 1000
 
-    def run(self, crew: Crew, recorder: Recorder, cycles: int, on_progress: Callable[[float], None] | None) -> None:
+    def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
         """Conduct `cycles` cycles, then stop the nodes.
 
         Args:
@@ -143,12 +146,12 @@ class Lockstep:
         """See `Listener`."""
         self._words.append((name, text))
 
-    def record_rest(self, recorder: Recorder) -> None:
+    def record_rest(self, recorder: "Recorder") -> None:
         """Record what has come of a cycle that was not completed."""
         recorder.cycle(self.cycle, list(self._frames.ordered()), self._truth, self._frames.strays, self._words)
         self._truth, self._words = [], []
 
-    def _open(self, crew: Crew, recorder: Recorder) -> None:
+    def _open(self, crew: Crew, recorder: "Recorder") -> None:
         """Open the cycle: bring about its faults, send BenchSync, announce what will not come."""
         self._desk.open(self.cycle, recorder)
         self._outages.apply(self.cycle, crew)

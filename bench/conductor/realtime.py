@@ -14,6 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
@@ -29,9 +30,11 @@ from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.conductor.lockstep import PROGRESS_CYCLES
 from bench.conductor.outages import GOES_ON_WITHOUT, Outages
-from bench.conductor.recorder import Recorder
 from bench.conductor.seats import Seats
 from bench.errors import RunFailed
+
+if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+    from bench.conductor.recorder import Recorder
 
 CYCLE_NS = CYCLE_MS * 1_000_000
 
@@ -143,7 +146,7 @@ class Realtime:
         newest = self._open[self.cycle].begun.get(V2V, self._first_ns) if self.cycle in self._open else self._first_ns
         return (newest - self._first_ns + CYCLE_NS) / 1e9 if self.cycle >= 0 else 0.0
 
-    def run(self, crew: Crew, recorder: Recorder, cycles: int, on_progress: Callable[[float], None] | None) -> None:
+    def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
         """Start the clock, listen for `cycles` cycles, then stop the nodes.
 
         Args:
@@ -165,7 +168,7 @@ class Realtime:
             self.scheduling += f"; {stolen}"
             recorder.event(self.cycle, "info", "conductor", stolen)
 
-    def _run(self, crew: Crew, recorder: Recorder, cycles: int, on_progress: Callable[[float], None] | None) -> None:
+    def _run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
         crew.restart(CLOCK)
         self._schedule(crew, recorder)
         end_at: float | None = None
@@ -223,7 +226,7 @@ class Realtime:
         """See `Listener`."""
         self._words.append((name, text))
 
-    def record_rest(self, recorder: Recorder) -> None:
+    def record_rest(self, recorder: "Recorder") -> None:
         """Record what has come of cycles that were not recorded."""
         for number in sorted(self._open):
             self._record(number, recorder)
@@ -276,7 +279,7 @@ class Realtime:
         if self.cycle >= 0 and into_cycle < REST_NS:
             time.sleep((REST_NS - into_cycle) / 1e9)
 
-    def _attend(self, crew: Crew, recorder: Recorder) -> bool:
+    def _attend(self, crew: Crew, recorder: "Recorder") -> bool:
         try:
             return crew.attend(min(_POLL_S, self._silence_s))
         except Ended as error:
@@ -286,7 +289,7 @@ class Realtime:
             return True
 
     def _keep_up(
-        self, crew: Crew, recorder: Recorder, newest: int, on_progress: Callable[[float], None] | None
+        self, crew: Crew, recorder: "Recorder", newest: int, on_progress: Callable[[float], None] | None
     ) -> None:
         """Bring about the faults of the cycles that have begun; judge and record those up to `newest`."""
         while self._prepared < self.cycle:
@@ -301,7 +304,7 @@ class Realtime:
                 self._judge(number, crew, recorder)
             self._record(number, recorder)
 
-    def _record(self, number: int, recorder: Recorder) -> None:
+    def _record(self, number: int, recorder: "Recorder") -> None:
         cycle = self._open[number]
         if number != self.cycle:
             del self._open[number]
@@ -313,7 +316,7 @@ class Realtime:
         frames = [(bus, can_id, data) for _, bus, can_id, data in ordered]
         recorder.cycle(number, frames, truth, strays, words, [received for received, *_ in ordered])
 
-    def _judge(self, number: int, crew: Crew, recorder: Recorder) -> None:
+    def _judge(self, number: int, crew: Crew, recorder: "Recorder") -> None:
         """Note who has missed the end of a cycle."""
         cycle, following = self._open[number], self._open.get(number + 1)
         absent = self._outages.absent
@@ -343,7 +346,7 @@ class Realtime:
     def _when(self) -> str:
         return f"in cycle {self.cycle} (t = {self.cycle * CYCLE_MS / 1000:.2f} s)"
 
-    def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: Recorder, text: str) -> bool:
+    def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: "Recorder", text: str) -> bool:
         """Whether the run goes on without ECUs that have failed; if so, sees to it."""
         if not self._go_on or not names or PLANT in names or CLOCK in names:
             return False
@@ -352,7 +355,7 @@ class Realtime:
         recorder.event(max(self.cycle, 0), "error", "conductor", f"{text}{GOES_ON_WITHOUT}{', '.join(names)}")
         return True
 
-    def _schedule(self, crew: Crew, recorder: Recorder) -> None:
+    def _schedule(self, crew: Crew, recorder: "Recorder") -> None:
         """Give the processes that are new their priority, and a core of their own where there are enough."""
         pids = crew.pids
         new = {name: pid for name, pid in pids.items() if self._pids.get(name) != pid}

@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 from itertools import zip_longest
 
 from bench.bus.codec import DecodeError
+from bench.bus.e2e import CRC_SIGNAL
 from bench.bus.topic import CYCLE_MS, Signals, Topic
 from bench.record.compare import SignalDifference
 from bench.resim.recording import EcuLog, Frame
 from bench.resim.rerun import Step
-from bench.resim.tolerance import CRC, Tolerance
+from bench.resim.tolerance import Tolerance
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ class Comparison:
         a, b = (self.decoded(pair.bus, pair.can_id, data) for data in (pair.logged, pair.sent))
         if not a or not b:
             return True
-        different = [signal for signal in a if a[signal] != b[signal] and signal != CRC]
+        different = [signal for signal in a if a[signal] != b[signal] and signal != CRC_SIGNAL]
         # Else it is bits that no signal has, or a CRC that does not fit to the rest.
         beyond = self.tolerance.exact or not different
         for signal in different:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec, DecodeError
+from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
 from bench.bus.topic import CYCLE_MS, V2V
 from bench.resim.comparison import First
 from bench.resim.job import Outcome
-from bench.resim.tolerance import CRC
 
 _MOST = 30
 """Lines of signals shown at most."""
@@ -88,7 +88,7 @@ def _first(first: First, codecs: Mapping[str, Codec]) -> Iterator[str]:
         yield f"  {topic.bus} {topic.message}{sent}: {what}"
 
 
-_PROTECTION = (CRC, "AliveCounter")
+_PROTECTION = (CRC_SIGNAL, COUNTER_SIGNAL)
 
 
 def _decoded(codec: Codec, can_id: int, data: bytes | None) -> dict[str, float]:

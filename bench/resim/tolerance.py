@@ -4,10 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.bus.codec import Codec
+from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
 from bench.errors import BadInput
-
-CRC = "CRC"
-"""Follows from the rest of a frame, so where that may differ it may too."""
 
 _FLOAT_STEP = 2.0**-23
 """Relative difference of two 32-bit floats next to each other."""
@@ -37,13 +35,14 @@ class Tolerance:
             return True
         if self.exact:
             return False
-        if signal == CRC:
+        if signal == CRC_SIGNAL:
+            # It follows from the rest of a frame, so where that may differ it may too.
             return True
         known = next(each for each in codec.message(message).signals if each.name == signal)
         given = self.signals.get((message, signal))
         if given is not None:
             return abs(a - b) <= given
-        if known.choices or signal == "AliveCounter":
+        if known.choices or signal == COUNTER_SIGNAL:
             return False
         step = _FLOAT_STEP * max(abs(a), abs(b)) if known.is_float else abs(float(known.scale))
         # Half a step more would be the next whole number of them.

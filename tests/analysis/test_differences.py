@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.differences import MAX_SIGNALS, figures_of
-from bench.analysis.report import write_difference
+from bench.analysis.report import write as write_report
 from bench.record import Run, diff
 
 from .conftest import Motions, write
@@ -54,7 +54,7 @@ def test_the_difference_is_of_values_of_the_same_time(tmp_path, runs):
 def test_the_page_begins_with_what_differs_and_has_no_more_than_it_can_show(tmp_path, runs):
     a, b = runs
     signals = diff(a.path, b.path).signals * (MAX_SIGNALS + 1)
-    write_difference(a, b, signals, tmp_path / "d.html")
+    write_report(a, tmp_path / "d.html", b, signals)
     text = (tmp_path / "d.html").read_text()
     data = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
     drawn = [figure for figure in data["figures"] if figure["group"] == "What differs"]
