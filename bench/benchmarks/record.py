@@ -35,6 +35,9 @@ PERIOD_S = 10
 LONG_S = 600
 BIG_BYTES = 1 << 30
 
+PACED_S = 20
+"""Length of the run on the wall clock."""
+
 SIGNAL = "veh1.VehicleMotion.YawRate"
 SLICE_S = 30
 """All signals are read a slice after the other."""
@@ -62,6 +65,7 @@ def tables() -> Iterator[Table]:
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         run = make_run(Path(folder), "formation", [f"duration_s={PERIOD_S}"])
         yield recording(run.path, Path(folder))
+        yield shares(make_run(Path(folder), "formation", [f"duration_s={PACED_S}"], bus="udp", realtime=True))
         # Chunks are as large as of a run in real time; of one that was slower they are smaller, at every half second.
         short = Path(folder) / "short.mcap"
         _record_again(run, short, 1)
@@ -88,6 +92,21 @@ def recording(source: Path, folder: Path, times: int = 8) -> Table:
     size = f"{log.stat().st_size / given:.0f} bytes a frame"
     table.add_row(str(given), str(logged), f"{given / elapsed:.0f}", "50000", seconds_text(used / given), size)
     log.unlink()
+    return table
+
+
+def shares(run: Run) -> Table:
+    """Return what recording takes of a core in a run on the wall clock, and with it all that the conductor does."""
+    times_s, cpu_s = run.signal("processes.conductor.cpu_time")
+    title = f"{run.vehicles} vehicles on the wall clock: processor time by the time that passes"
+    table = Table(title=title, title_justify="left")
+    for heading in ("", "wanted", "of a core"):
+        table.add_column(heading, justify="right" if heading else "left")
+    recorded = float(run.result["recorder_cpu_s"]) / float(run.result["wall_s"])
+    table.add_row("frames, signals, truth and events to the log", "10 %", f"{100 * recorded:.1f} %")
+    # Its first sample is of before the run.
+    whole = float((cpu_s[-1] - cpu_s[1]) / (times_s[-1] - times_s[1]))
+    table.add_row("  with reception, E2E, deadlines: the conductor", "", f"{100 * whole:.1f} %")
     return table
 
 

@@ -14,7 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
@@ -61,15 +61,29 @@ class _Cycle:
         frames: time of receipt (ns), bus, identifier and data.
         begun: when its BenchSync came, by bus (ns).
         done: when the newest frame with a counter of each sender came, by name (ns).
-        seen: bus and identifier of the frames with a counter.
+        seen: identifiers of the frames with a counter, by bus.
         truth: its truth rows.
     """
 
     frames: list[tuple[int, str, int, bytes]] = field(default_factory=list)
     begun: dict[str, int] = field(default_factory=dict)
     done: dict[str, int] = field(default_factory=dict)
-    seen: set[tuple[str, int]] = field(default_factory=set)
+    seen: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
     truth: list[Truth] = field(default_factory=list)
+
+
+class _Expected(NamedTuple):
+    """A frame that every cycle brings.
+
+    Attributes:
+        sender: who sends it: an ECU, or the plant on one bus (veh1.plant).
+        protected: whether it has a CRC and an alive counter.
+        data_id: what its CRC covers beside the data.
+    """
+
+    sender: str
+    protected: bool
+    data_id: int
 
 
 class Realtime:
@@ -111,14 +125,16 @@ class Realtime:
         self._seats = seats
         self._outages = Outages(desk.plan)
         self._go_on = go_on
-        self._due = frames_due(codecs, vehicles)
+        due = frames_due(codecs, vehicles)
         self._sync_ids = {bus: codec.can_id(BENCH_SYNC) for bus, codec in codecs.items()}
-        self._data_ids = {
-            (bus, can_id): codecs[bus].data_id(due.message)
-            for bus, frames in self._due.items()
-            for can_id, due in frames.items()
+        self._expected = {
+            bus: {
+                can_id: _Expected(_name(each), each.protected, codecs[bus].data_id(each.message))
+                for can_id, each in frames.items()
+            }
+            for bus, frames in due.items()
         }
-        self._senders = _senders(self._due)
+        self._senders = _senders(due)
         self._open: dict[int, _Cycle] = defaultdict(_Cycle)
         # By bus: the conductor reads one after the other, and may be behind with all of them.
         self._newest = dict.fromkeys(codecs, -1)
@@ -214,9 +230,15 @@ class Realtime:
         kept = self._seats.without_signs(bus, frames)
         if len(kept) < len(frames):
             times = [received for frame, received in zip(frames, times, strict=True) if frame in kept]
+        sync_id = self._sync_ids[bus]
         for (can_id, data), received in zip(kept, times, strict=True):
-            if self.cycle >= 0 or can_id == self._sync_ids[bus]:
-                self._take(bus, can_id, data, received)
+            if can_id == sync_id:
+                number = self._begin(bus, data, received)
+            elif self.cycle >= 0:
+                number = self._cycle_of(bus, can_id, data, received)
+            else:
+                continue
+            self._open[number].frames.append((received, bus, can_id, data))
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""
@@ -231,42 +253,38 @@ class Realtime:
         for number in sorted(self._open):
             self._record(number, recorder)
 
-    def _take(self, bus: str, can_id: int, data: bytes, received: int) -> None:
-        due = self._due[bus].get(can_id)
-        if can_id == self._sync_ids[bus]:
-            number = int(self._codecs[bus].decode(can_id, data)[1]["Cycle"])
-            if self.cycle < 0:
-                self._first_ns = received
-            self.cycle = max(self.cycle, number)
-            self._newest[bus] = number
-            self._open[number].begun[bus] = received
-        elif due is None:
-            number = self.cycle
+    def _begin(self, bus: str, data: bytes, received: int) -> int:
+        """Begin the cycle of a BenchSync; return its number."""
+        number = int(self._codecs[bus].decode(self._sync_ids[bus], data)[1]["Cycle"])
+        if self.cycle < 0:
+            self._first_ns = received
+        self.cycle = max(self.cycle, number)
+        self._newest[bus] = number
+        self._open[number].begun[bus] = received
+        return number
+
+    def _cycle_of(self, bus: str, can_id: int, data: bytes, received: int) -> int:
+        """Return the number of the cycle that a frame belongs to, and note who has sent in it."""
+        expected = self._expected[bus].get(can_id)
+        if expected is None:
             self._strays.append((bus, can_id))
-        else:
-            sender = _name(due)
-            if not due.protected:
-                number = self._at.get((bus, sender), self._newest[bus])
-            else:
-                named = self._named(due, data)
-                number = self._newest[bus] if named is None else named
-                if named is not None:
-                    self._at[bus, sender] = named
-                    self._open[named].done[sender] = received
-                    self._open[named].seen.add((bus, can_id))
-        self._open[max(number, 0)].frames.append((received, bus, can_id, data))
-
-    def _named(self, due: Due, data: bytes) -> int | None:
-        """The cycle that a frame's alive counter names, if that is to be believed.
-
-        It is not where the frame is damaged, names a cycle that is over for good, or comes once more.
-        """
-        place, newest = (due.bus, due.can_id), self._newest[due.bus]
-        if not check(data, self._data_ids[place]):
-            return None
+            return self.cycle
+        place, newest = (bus, expected.sender), max(self._newest[bus], 0)
+        if not expected.protected:
+            return self._at.get(place, newest)
+        # The cycle that the alive counter names is not believed of a damaged frame, nor where that cycle is over for
+        # good or has had this frame.
+        if not check(data, expected.data_id):
+            return newest
         number = newest - (newest - (data[1] & 0x0F)) % COUNTER_MODULUS
-        if number < max(0, newest - SETTLE_CYCLES) or place in self._open[number].seen:
-            return None
+        if number < max(0, newest - SETTLE_CYCLES):
+            return newest
+        cycle = self._open[number]
+        if can_id in cycle.seen[bus]:
+            return newest
+        cycle.seen[bus].add(can_id)
+        cycle.done[expected.sender] = received
+        self._at[place] = number
         return number
 
     def _rest(self) -> None:

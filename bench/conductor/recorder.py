@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import repeat
 from pathlib import Path
 
 from bench.bus.codec import Codec
@@ -49,6 +48,9 @@ class Recorder:
     """Writes cycles in the order of the log: frames, truth, events.
 
     Once the log cannot be written any more, which raises `RunFailed`, nothing more is.
+
+    Attributes:
+        cpu_s: processor time in s that recording cycles has taken.
     """
 
     def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec], watch: ProcessWatch) -> None:
@@ -66,6 +68,7 @@ class Recorder:
         self._states = StateWatch(codecs)
         self._failed = False
         self._strays: set[tuple[str, int]] = set()
+        self.cpu_s = 0.0
 
     def cycle(
         self,
@@ -89,9 +92,11 @@ class Recorder:
         Raises:
             RunFailed: the log cannot be written.
         """
+        begun_s = time.thread_time()
         with self._unless_failed() as writable:
             if writable:
                 self._cycle(number, frames, truth, strays, words, received_ns)
+        self.cpu_s += time.thread_time() - begun_s
 
     def _cycle(
         self,
@@ -102,13 +107,15 @@ class Recorder:
         words: Sequence[tuple[str, str]],
         received_ns: Sequence[int],
     ) -> None:
-        write, health_ids, watched = self._writer.frame, self._health_ids, self._states.watched
         time_ns = number * CYCLE_NS
-        for (bus, can_id, data), received in zip(frames, received_ns or repeat(time.time_ns()), strict=False):
-            write(bus, time_ns, can_id, data, received)
-            if (bus, can_id) in health_ids:
+        frames = list(frames)
+        self._writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
+        health_ids, watched = self._health_ids, self._states.watched
+        for bus, can_id, data in frames:
+            place = bus, can_id
+            if place in health_ids:
                 self._note_health(bus, can_id, data, time_ns)
-            elif (bus, can_id) in watched:
+            elif place in watched:
                 change = self._states.change(bus, can_id, data)
                 if change:
                     self._writer.event(time_ns, change.level, change.source, change.text)

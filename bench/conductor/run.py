@@ -178,6 +178,7 @@ def run(
                     "reason": ending.reason,
                     "wall_s": f"{conducted.wall_s:.6f}",
                     "startup_s": f"{startup_s:.6f}",
+                    "recorder_cpu_s": f"{recorder.cpu_s:.6f}",
                     "cycles": str(conducted.cycles),
                     "frames_lost": str(lost),
                     "e2e_errors": str(recorder.e2e_errors()),

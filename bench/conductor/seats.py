@@ -133,7 +133,7 @@ class Seats:
 
     def without_signs(self, bus: str, frames: Frames) -> Frames:
         """Leave out what an ECU sent before it knew that the run has begun."""
-        if not any((bus, can_id) in self._status for can_id, _ in frames):
+        if not self._status:
             return frames
         return [frame for frame in frames if not self._is_sign(bus, *frame)]
 

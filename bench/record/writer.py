@@ -140,23 +140,32 @@ class RunWriter:
             self.close({"status": "failed" if error else "done"})
 
     def frame(self, bus: str, time_ns: int, can_id: int, data: bytes, receive_ns: int) -> None:
-        """Record one frame.
+        """Record one frame; see `frames`."""
+        self.frames(time_ns, [(bus, can_id, data)], [receive_ns])
+
+    def frames(self, time_ns: int, frames: Sequence[tuple[str, int, bytes]], receive_ns: Sequence[int]) -> None:
+        """Record frames of one time.
 
         Args:
-            bus: bus name, one of the codecs'.
             time_ns: simulated time.
-            can_id: identifier.
-            data: at most 8 bytes.
-            receive_ns: the host's clock when the frame came.
+            frames: (n,) bus name (one of the codecs'), identifier and data, at most 8 bytes.
+            receive_ns: (n,) the host's clock when each came.
 
         Raises:
-            ValueError: more than 8 bytes.
+            ValueError: more than 8 bytes; then no frame of these is recorded.
             RunFailed: the file cannot be written.
         """
-        if len(data) > can_frame.MAX_DATA:
-            raise ValueError(f"frame 0x{can_id:03X} on {bus}: {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
-        self._make_room(time_ns, _BYTES_A_FRAME)
-        self._pending += _pack_pending(self._bus_numbers[bus], len(data), can_id, time_ns, receive_ns, data)
+        for bus, can_id, data in frames:
+            if len(data) > can_frame.MAX_DATA:
+                raise ValueError(f"frame 0x{can_id:03X} on {bus}: {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
+        self._make_room(time_ns, _BYTES_A_FRAME * len(frames))
+        pack, numbers = _pack_pending, self._bus_numbers
+        self._pending += b"".join(
+            [
+                pack(numbers[bus], len(data), can_id, time_ns, received, data)
+                for (bus, can_id, data), received in zip(frames, receive_ns, strict=True)
+            ]
+        )
 
     def truth(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
         """Record a truth row: the values of `truth_names`, in that order.

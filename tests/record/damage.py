@@ -45,7 +45,7 @@ GUARD_S = 60
 MORE_MEMORY = 512 * 1024 * 1024
 """Address space beyond what the imported modules take, bytes."""
 
-_PARTS = 8
+_PARTS = 4
 """Parts of 25 logs that one process tries."""
 
 _RECORD = struct.Struct("<BQ")
