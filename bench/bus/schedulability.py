@@ -24,6 +24,9 @@ from bench.errors import BadInput
 
 _NS = 1_000_000_000
 
+HORIZON_NS = 10 * _NS
+"""No busy period is followed for longer: what takes as long has no bound that anybody could use."""
+
 
 @dataclass(frozen=True)
 class Stream:
@@ -87,7 +90,8 @@ def load(messages: Sequence[Stream], bit_rate: int) -> float:
 def response_times(messages: Sequence[Stream], bit_rate: int) -> dict[int, WorstCase | None]:
     """Return each message's worst case by identifier.
 
-    None where there is no bound, as the message and those of higher priority load the bus to the full.
+    None where there is no bound, as the message and those of higher priority load the bus to the full, or keep it busy
+    for longer than `HORIZON_NS`.
 
     Args:
         messages: all messages of a bus.
@@ -115,6 +119,8 @@ def _response(ordered: Sequence[Stream], m: int, bit_rate: int) -> WorstCase | N
 
     # The longest busy period at this priority, and the frames of m that fall into it.
     busy = _fixed_point(c_m, lambda t: blocking + queued(t) + frames_of_m(t) * c_m)
+    if busy > HORIZON_NS:
+        return None
     response, from_release, w = 0, 0, 0
     for q in range(frames_of_m(busy)):
         # What is released up to the last bit time before m could start goes first.
@@ -185,9 +191,9 @@ def _enough(needed: float) -> str:
 
 
 def _fixed_point(start: int, step: Callable[[int], int]) -> int:
-    """Return the first value from `start` on that `step`, which never falls, leaves as it is."""
+    """Return the first value from `start` on that `step`, which never falls, leaves as it is, or one past the horizon."""
     value = start
-    while (following := step(value)) > value:
+    while value <= HORIZON_NS and (following := step(value)) > value:
         value = following
     return value
 

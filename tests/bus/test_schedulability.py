@@ -42,6 +42,14 @@ def test_there_is_no_bound_where_higher_priorities_take_all():
     assert response_times(halves, 125_000) == {1: WorstCase(2 * MS, 2 * MS), 2: None}
 
 
+def test_there_is_no_bound_beyond_the_horizon_and_none_is_looked_for():
+    """A damaged log may have any jitter: frames of it in one busy period would be too many to go through."""
+    late = [Stream("a", 1, 8, 10 * MS), Stream("b", 2, 8, 10 * MS, jitter_ns=1 << 62), Stream("c", 3, 8, 10 * MS)]
+    assert list(response_times(late, 500_000)) == [1, 2, 3]
+    assert [found is None for found in response_times(late, 500_000).values()] == [False, True, True]
+
+
+
 def simulated(messages, bit_ns, until, generator):
     """Longest time from release to end of each message's longest frames; without a generator all begin together."""
     releases = []
