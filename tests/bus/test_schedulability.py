@@ -49,7 +49,6 @@ def test_there_is_no_bound_beyond_the_horizon_and_none_is_looked_for():
     assert [found is None for found in response_times(late, 500_000).values()] == [False, True, True]
 
 
-
 def simulated(messages, bit_ns, until, generator):
     """Longest time from release to end of each message's longest frames; without a generator all begin together."""
     releases = []
