@@ -191,7 +191,7 @@ def _enough(needed: float) -> str:
 
 
 def _fixed_point(start: int, step: Callable[[int], int]) -> int:
-    """Return the first value from `start` on that `step`, which never falls, leaves as it is; or one past `HORIZON_NS`."""
+    """Return the first value from `start` on that `step`, which never falls, keeps, or one past the horizon."""
     value = start
     while value <= HORIZON_NS and (following := step(value)) > value:
         value = following
