@@ -41,13 +41,14 @@ def frames_of(part: Part, decoder: TopicDecoder) -> npt.NDArray[Any]:
     return table
 
 
-def _parsed(decoder: TopicDecoder, payload: bytes) -> tuple[int, int, int, int, int, list[int]]:
+def _parsed(decoder: TopicDecoder, payload: bytes) -> tuple[Any, ...]:
     message = decoder.message(payload)
     try:
         data: bytes = message.data
         if len(data) > can_frame.MAX_DATA:
             raise BadInput(f"topic {decoder.topic} has a frame of {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
-        times = message.receive_time, message.wire_time, message.response_time
-        return *times, message.id, len(data), list(data.ljust(can_frame.MAX_DATA, b"\0"))
-    except (AttributeError, TypeError) as error:
+        # As `can_frame.read` takes them, whatever they are.
+        times = np.array([message.receive_time, message.wire_time, message.response_time], np.uint64).astype(np.int64)
+        return *times, np.uint32(message.id), len(data), list(data.ljust(can_frame.MAX_DATA, b"\0"))
+    except (AttributeError, TypeError, OverflowError) as error:
         raise BadInput(f"topic {decoder.topic} has messages that are not {can_frame.NAME}") from error

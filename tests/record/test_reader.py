@@ -9,7 +9,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from bench.errors import BadInput
-from bench.record import LogDamaged, Run
+from bench.record import LogDamaged, Run, can_frame
+from bench.record.can_frame import Frame
 from bench.record.container import MAGIC
 from bench.record.layout import message_class
 
@@ -205,3 +206,24 @@ def test_a_log_that_another_writer_encoded_reads_the_same(recorded, tmp_path):
                 np.testing.assert_array_equal(others.message(bus, name)[signal], values)
     for signal, values in ours.truth(1).items():
         np.testing.assert_array_equal(others.truth(1)[signal], values)
+
+
+def test_a_time_beyond_64_signed_bits_is_the_same_in_each_encoding(tmp_path):
+    """A damaged log may have any: that such a frame is encoded in another way than ours must not make it unreadable."""
+    kind = message_class(can_frame.NAME, can_frame.SCHEMA)
+    head = kind(receive_time=(1 << 63) + 5, id=0x123, wire_time=(1 << 64) - 1, response_time=7)
+    # Fields at zero are left out by protobuf and stand in ours, so the first message is in our form and the second not.
+    messages = [kind(data=b"ab"), kind(data=b"")]
+    found = []
+    for number, message in enumerate(messages):
+        message.MergeFrom(head)
+        path = tmp_path / f"{number}.mcap"
+        with path.open("wb") as target:
+            writer = Writer(target)
+            writer.start("", "other")
+            schema = writer.register_schema(can_frame.NAME, "protobuf", can_frame.SCHEMA)
+            channel = writer.register_channel("/can/veh1", "protobuf", schema, {})
+            writer.add_message(channel, 0, message.SerializeToString(), 0)
+            writer.finish()
+        found.extend(Run(path).frames())
+    assert found == [Frame(0, "veh1", 0x123, data, 5 - (1 << 63), -1, 7) for data in (b"ab", b"")]
