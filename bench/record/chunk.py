@@ -7,7 +7,9 @@ import mmap
 import struct
 import zlib
 from dataclasses import dataclass
+from typing import BinaryIO
 
+import lz4.frame
 import zstandard
 
 from bench.record.container import COMPRESSION
@@ -19,6 +21,8 @@ MAX_CHUNK = 64 * 1024 * 1024
 _AT_ONCE = 1024 * 1024
 
 _HEAD = struct.Struct("<QQQII")
+# What tools other than ours may have packed a log's chunks with.
+_LZ4 = "lz4"
 _DECOMPRESSOR = zstandard.ZstdDecompressor()
 
 
@@ -32,7 +36,7 @@ class ChunkHead:
         packed: how many bytes they are.
         size: bytes when unpacked.
         crc: CRC-32 of the unpacked records, 0 where the writer gave none.
-        compression: `zstd` or nothing.
+        compression: `zstd`, `lz4` or nothing.
     """
 
     start_ns: int
@@ -82,14 +86,25 @@ def _decompressed(packed: bytes, head: ChunkHead) -> bytes:
         raise ValueError(f"a chunk of {head.size} bytes")
     if head.compression == "":
         return packed
+    if head.compression == _LZ4:
+        try:
+            with lz4.frame.open(io.BytesIO(packed)) as stream:
+                return _read(stream, head.size)
+        except (EOFError, RuntimeError) as error:
+            raise ValueError("the packed records cannot be unpacked") from error
     if head.compression != COMPRESSION:
         raise ValueError(f"compression {head.compression!r}")
     if zstandard.frame_content_size(packed) not in (-1, head.size):
         raise ValueError("the packed records are of another size than the chunk says")
     if head.size <= _AT_ONCE:
         return _DECOMPRESSOR.decompress(packed, max_output_size=head.size)
-    parts = io.BytesIO()
     with _DECOMPRESSOR.stream_reader(packed) as stream:
-        while parts.tell() <= head.size and (part := stream.read(_AT_ONCE)):
-            parts.write(part)
+        return _read(stream, head.size)
+
+
+def _read(stream: BinaryIO, size: int) -> bytes:
+    """Return what a stream gives: `size` bytes, or if it gives more than that, not all of it."""
+    parts = io.BytesIO()
+    while parts.tell() <= size and (part := stream.read(_AT_ONCE)):
+        parts.write(part)
     return parts.getvalue()

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run, can_frame
@@ -179,12 +179,13 @@ def test_without_true_message_indexes_the_records_are_walked(recorded, tmp_path)
     assert frames == recorded.frames
 
 
-def test_a_log_that_another_writer_encoded_reads_the_same(recorded, tmp_path):
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_log_that_another_writer_encoded_reads_the_same(recorded, tmp_path, compression):
     """mcap's own writer, one chunk, protobuf without the fields that are zero."""
     path = tmp_path / "other.mcap"
     with recorded.path.open("rb") as source, path.open("wb") as target:
         reader = make_reader(source)
-        writer = Writer(target)
+        writer = Writer(target, compression=compression)
         writer.start("", "other")
         schemas, channels = {}, {}
         for schema, channel, record in reader.iter_messages(log_time_order=False):
