@@ -82,8 +82,9 @@ class BusLoad:
     Attributes:
         bus: its name.
         bit_rate: in bit/s.
-        t: (n,) times of the cycles in s.
-        load: (n,) share of each cycle that its frames take, interframe spaces included.
+        t: (n,) times in s of the cycles that brought frames.
+        load: (n,) share of each of them that its frames take, interframe spaces included.
+        cycles: how many cycles there are from the first of them to the last.
         most: that share for all periodic messages of the DBC at their longest, on average over their periods.
         messages: in the order of priority.
         busiest: the frames of the cycle with the highest load, in the order of the wire.
@@ -93,14 +94,15 @@ class BusLoad:
     bit_rate: int
     t: npt.NDArray[np.float64]
     load: npt.NDArray[np.float64]
+    cycles: int
     most: float
     messages: tuple[MessageTimes, ...]
     busiest: tuple[SentFrame, ...]
 
     @property
     def mean(self) -> float:
-        """Mean load."""
-        return float(self.load.mean())
+        """Mean load over all cycles."""
+        return float(self.load.sum()) / self.cycles
 
     @property
     def worst(self) -> float:
@@ -140,18 +142,18 @@ def bus_loads(run: Run) -> list[BusLoad]:
 
 def _bus_load(bus: str, codec: Codec, vehicles: int, frames: npt.NDArray[Any]) -> BusLoad:
     bits = frame_bits(frames["can_id"], frames["length"], frames["data"])
-    cycles = frames["time"] // CYCLE_NS
-    first = int(cycles.min())
-    used = np.bincount(cycles - first, bits + INTERFRAME_BITS)
-    share = used * _S / (codec.bit_rate * CYCLE_NS)
+    # No table of all cycles: how many that would be is for a damaged log to say.
+    cycles, cycle = np.unique(frames["time"] // CYCLE_NS, return_inverse=True)
+    share = np.bincount(cycle, bits + INTERFRAME_BITS) * _S / (codec.bit_rate * CYCLE_NS)
     periodic = streams(bus, codec, vehicles)
-    busiest = np.flatnonzero(cycles == first + share.argmax())
+    busiest = np.flatnonzero(cycle == share.argmax())
     names = _names(bus, codec)
     return BusLoad(
         bus=bus,
         bit_rate=codec.bit_rate,
-        t=(first + np.arange(len(share))) * CYCLE_NS / _S,
+        t=cycles * CYCLE_NS / _S,
         load=share,
+        cycles=int(cycles[-1]) - int(cycles[0]) + 1,
         most=load(periodic, codec.bit_rate),
         messages=tuple(_messages(frames, names, periodic, codec.bit_rate)),
         busiest=tuple(_sent(frames[busiest], bits[busiest], names, codec.bit_rate)),

@@ -354,8 +354,9 @@ class Figures:
     def _buses(self, buses: Sequence[BusLoad]) -> None:
         curves = []
         for bus in buses:
-            values = np.full(len(self._truth.t), np.nan)
-            rows, at = rows_at(bus.t, self._truth.t)
+            t = self._truth.t
+            values = np.where((t >= bus.t[0]) & (t <= bus.t[-1]), 0.0, np.nan)
+            rows, at = rows_at(bus.t, t)
             values[at] = 100.0 * bus.load[rows]
             self._series.put(f"load.{bus.bus}", values, peak=True)
             line_colour = "ink" if bus.bus == V2V else colour(int(bus.bus.removeprefix("veh")))

@@ -16,6 +16,7 @@ from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.timing import sender_of
 from bench.bus.topic import CYCLE_MS, PLANT, vehicle_bus
+from bench.errors import BadInput
 from bench.record.reader import Run
 
 BIN_MS = 0.25
@@ -25,6 +26,8 @@ LONGEST_MS = 2.0 * CYCLE_MS
 PERCENTILES = (1.0, 50.0, 99.0, 99.9)
 
 _CYCLE_NS = CYCLE_MS * 1_000_000
+_MOST_CYCLES = 1000
+"""For each frame of the clock; where there are more, the log's times are wrong."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ def timing(run: Run) -> Timing | None:
     """Return the times that a real-time run kept; None for a run in lockstep, where the wall clock means nothing.
 
     Raises:
-        BadInput: the log lacks what a run's log has.
+        BadInput: the log lacks what a run's log has, or has times that cannot be.
     """
     if run.metadata.get("clock") != "realtime":
         return None
@@ -166,12 +169,18 @@ def _senders(codec: Codec, bus: str) -> Mapping[str, list[int]]:
 
 
 def _first_receipts(table: NDArray[Any], can_id: int, count: int | None = None) -> NDArray[np.float64]:
-    """When the first frame of this identifier came in each of `count` cycles (all, if None), ns; nan where none did."""
+    """When the first frame of this identifier came in each of `count` cycles (all, if None), ns; nan where none did.
+
+    Raises:
+        BadInput: there are far more cycles than frames.
+    """
     rows = table[table["can_id"] == can_id]
     cycles = rows["time"] // _CYCLE_NS
-    count = int(cycles.max()) + 1 if count is None and rows.size else count or 0
+    count = int(cycles.max(initial=-1)) + 1 if count is None else count
+    if count > _MOST_CYCLES * (rows.size + 1):
+        raise BadInput(f"frame 0x{can_id:03X} has times that cannot be: {rows.size} frames up to cycle {count - 1}")
     receipts = np.full(count, np.inf)
-    inside = cycles < count
+    inside = (cycles >= 0) & (cycles < count)
     # From the first frame on: in float64 a time of today has steps of 256 ns.
     times = (rows["receive"][inside] - table["receive"][0]).astype(np.float64)
     np.minimum.at(receipts, cycles[inside], times)

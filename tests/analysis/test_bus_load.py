@@ -8,16 +8,17 @@ import pytest
 from bench.analysis.bus_load import bus_loads
 from bench.analysis.bus_strip import strip
 from bench.analysis.report import render
-from bench.bus.codec import load_codecs
+from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
+from bench.bus.timing import CYCLE_NS, BusTimeline
+from bench.record import Run
+from bench.record.writer import RunWriter
 
 from .conftest import Motions
 
 
 @pytest.fixture(scope="module")
 def loads(formation_log):
-    from bench.record import Run
-
     return {bus.bus: bus for bus in bus_loads(Run(formation_log))}
 
 
@@ -79,3 +80,25 @@ def test_a_log_without_times_on_the_wire_has_a_report_without_buses(run_of):
     assert data["buses"] == []
     assert "busload" not in {figure["id"] for figure in data["figures"]}
     assert 'class="strip"' not in page
+
+
+def test_cycles_without_frames_are_idle_however_many_they_are(tmp_path):
+    """A damaged log may have any time: no memory is taken for the cycles up to there."""
+    codecs, cycles = load_codecs(1), [0, 1, 900_000_000_000]
+    with RunWriter(
+        tmp_path / "run.mcap",
+        codecs=codecs,
+        truth_names=("X", "Y", "psi", "phi"),
+        vehicles=1,
+        metadata={"vehicles": "1"},
+        attachments={name: (DBC_DIR / name).read_bytes() for name in ("vehicle.dbc", "v2v.dbc")},
+        timeline=BusTimeline(codecs, {}),
+    ) as writer:
+        for cycle in cycles:
+            data = codecs["veh1"].encode("ActuatorStatus", codecs["veh1"].start_values("ActuatorStatus"), cycle)
+            writer.frame("veh1", cycle * CYCLE_NS, *data, 0)
+    (load,) = bus_loads(Run(tmp_path / "run.mcap"))
+    assert load.t.tolist() == [cycle / 100 for cycle in cycles]
+    assert load.cycles == cycles[-1] + 1
+    assert load.mean == pytest.approx(load.load.sum() / load.cycles)
+    assert load.worst < 0.1

@@ -7,6 +7,7 @@ import pytest
 from bench.analysis.timing import LONGEST_MS, histograms, timing
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME, STOP
+from bench.errors import BadInput
 from bench.record import Run, RunWriter
 
 CODECS = load_codecs(1)
@@ -25,7 +26,7 @@ def log(tmp_path: Path) -> Run:
     return write(tmp_path / "run.mcap", "realtime")
 
 
-def write(path: Path, clock: str) -> Run:
+def write(path: Path, clock: str, stop_cycle: int = CYCLES) -> Run:
     codec = CODECS["veh1"]
     writer = RunWriter(
         path,
@@ -49,7 +50,7 @@ def write(path: Path, clock: str) -> Run:
             frame("TorqueCommandRear", cycle, round(at_ms * 1e6))
             # What has no alive counter drives nothing, so it has no deadline.
             frame("TrackerTiming", cycle, round((at_ms + 3.0) * 1e6))
-    frame(BENCH_SYNC, CYCLES, 20_000_000, Command=STOP, Cycle=CYCLES)
+    frame(BENCH_SYNC, stop_cycle, 20_000_000, Command=STOP, Cycle=CYCLES)
     writer.close({"status": "completed"})
     return Run(path)
 
@@ -99,3 +100,9 @@ def test_histograms_hold_every_response_and_the_longest_in_their_last_bin(log: R
 
 def test_in_lockstep_the_wall_clock_means_nothing(tmp_path: Path) -> None:
     assert timing(write(tmp_path / "lockstep.mcap", "lockstep")) is None
+
+
+def test_times_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    """Of a damaged log: there is no table as long as its last time says."""
+    with pytest.raises(BadInput, match="times that cannot be"):
+        timing(write(tmp_path / "run.mcap", "realtime", stop_cycle=700_000_000_000))
