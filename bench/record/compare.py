@@ -5,6 +5,7 @@ Messages that carry wall-clock figures (DBC attribute WallClock) are left out, a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ import numpy.typing as npt
 from bench.bus.e2e import CRC_SIGNAL
 from bench.errors import BadInput
 from bench.record.reader import Columns, Run
+from bench.record.time_span import NS
 
 # What makes two frames the same.
 _COMPARED = ("time", "can_id", "length", "data")
@@ -52,7 +54,8 @@ class Difference:
         frames: how many frames each run has, wall-clock messages left out.
         first: the earliest difference, None where all frames are the same.
         signals: the signals that differ, in the order of when they begin to.
-        notes: differences that are not of a signal: buses, messages or frames that only one run has.
+        notes: differences that are not of a signal: buses, messages or frames that only one run has, and where one ends
+            before the other.
     """
 
     frames: tuple[int, int]
@@ -112,8 +115,11 @@ def diff(a: Path | str, b: Path | str) -> Difference:
         firsts.append(first)
         names = runs[0].messages(bus), runs[1].messages(bus)
         notes += _only_one(f"message on {bus}", *names)
+        ends = tuple(int(table["time"].max(initial=0)) / NS for table in (left, right))
+        if ends[0] != ends[1]:
+            notes.append(f"{bus} ends at {ends[0]:.3f} s in A, at {ends[1]:.3f} s in B")
         for message in (name for name in names[0] if name in names[1]):
-            found, note = _signal_differences(runs, bus, message)
+            found, note = _signal_differences(runs, bus, message, min(ends) if ends[0] != ends[1] else math.inf)
             signals += found
             notes += note
     return Difference(
@@ -159,7 +165,7 @@ def _first_difference(
         None if row is None else _describe(run, bus, row, int((table["can_id"][:at] == row["can_id"]).sum()))
         for run, row, table in zip(runs, rows, (left, right), strict=True)
     ]
-    return FirstDifference(time_ns / 1e9, bus, texts[0], texts[1])
+    return FirstDifference(time_ns / NS, bus, texts[0], texts[1])
 
 
 def _describe(run: Run, bus: str, row: Any, before: int) -> str:
@@ -172,18 +178,21 @@ def _describe(run: Run, bus: str, row: Any, before: int) -> str:
         before: how many frames of its identifier were on that bus before it; in one cycle there may be several.
     """
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
-    text = f"{int(row['time']) / 1e9:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
+    text = f"{int(row['time']) / NS:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
     for message in run.messages(bus):
         if run.can_id(bus, message) == can_id:
             columns = run.message(bus, message)
             # Where a frame had a wrong length it was not decoded, and its rank in the log tells nothing.
-            if before < len(columns["t"]) and abs(columns["t"][before] - row["time"] / 1e9) < 1e-9:
+            if before < len(columns["t"]) and abs(columns["t"][before] - row["time"] / NS) < 1e-9:
                 values = (f"{name} {columns[name][before]:.9g}" for name in columns if name != "t")
                 return f"{text} {message}: {', '.join(values)}"
     return text
 
 
-def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[list[SignalDifference], list[str]]:
+def _signal_differences(
+    runs: tuple[Run, Run], bus: str, message: str, end_s: float
+) -> tuple[list[SignalDifference], list[str]]:
+    """Return the signals of a message that differ, and that before `end_s` it came more often in one of the runs."""
     if runs[0].is_wall_clock(bus, message):
         return [], []
     tables = runs[0].message(bus, message), runs[1].message(bus, message)
@@ -207,7 +216,7 @@ def _signal_differences(runs: tuple[Run, Run], bus: str, message: str) -> tuple[
     if len(found) > 1:
         # The CRC follows from the rest; only where that is the same does it tell something.
         found = [signal for signal in found if signal.signal != CRC_SIGNAL]
-    lengths = len(tables[0]["t"]), len(tables[1]["t"])
+    lengths = tuple(int((table["t"] < end_s).sum()) for table in tables)
     notes = [f"{message} on {bus}: {lengths[0]} frames in A, {lengths[1]} in B"] if lengths[0] != lengths[1] else []
     return found, notes
 

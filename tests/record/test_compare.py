@@ -99,6 +99,8 @@ def test_a_shorter_run_differs_from_where_it_ends(make_log):
     assert found.first.time_s == 0.08
     assert found.first.b is None
     assert "B: no frame" in str(found)
+    # And not of every message that it has fewer frames.
+    assert found.notes == tuple(f"{bus} ends at 0.090 s in A, at 0.070 s in B" for bus in ("v2v", "veh1", "veh2"))
 
 
 def test_the_order_of_frames_counts(make_log):

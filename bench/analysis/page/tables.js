@@ -136,16 +136,16 @@ function fillBuses() {
   byId("strip").hidden = !byId("strip").querySelector("svg");
   const tables = byId("bus-tables");
   tables.replaceChildren();
-  const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Busiest cycle", "at", "Worst case of the DBC"]);
+  const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Its bound", "Busiest cycle", "at"]);
   for (const run of runs()) {
     for (const bus of run.buses) {
       numberRow(all, [
         ["th", "", `${letter(run)} ${bus.bus}`],
         ["td", "number", `${bus.bit_rate / 1000} kbit/s`],
         ["td", "number", percent(bus.mean)],
+        ["td", "number", percent(bus.most)],
         ["td", bus.worst > 1 ? "number over" : "number", percent(bus.worst)],
         ["td", "number", seconds(bus.worst_at)],
-        ["td", "number", percent(bus.most)],
       ]);
     }
   }
