@@ -10,12 +10,11 @@ def readable_log(log: Path) -> Path:
     """Return the log, refusing what is no file to read.
 
     Raises:
-        BadInput: no such file, a directory, or no permission.
+        BadInput: no such file, no regular one, or no permission.
     """
     if not log.is_file():
-        raise BadInput(
-            f"{log} is {'a directory' if log.is_dir() else 'not there'}; give the log of a run, a .mcap file"
-        )
+        what = "a directory" if log.is_dir() else "no regular file" if log.exists() else "not there"
+        raise BadInput(f"{log} is {what}; give the log of a run, a .mcap file")
     if not os.access(log, os.R_OK):
         raise BadInput(f"{log} cannot be read: no permission")
     return log

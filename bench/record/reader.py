@@ -81,6 +81,10 @@ class Run:
         self.topics = self.log.topics
         self._kept: OrderedDict[str, Columns] = OrderedDict()
 
+    def __repr__(self) -> str:
+        """Return which log this is."""
+        return f"Run({str(self.path)!r}): {self.vehicles} vehicles, {len(self.topics)} topics"
+
     @property
     def damage(self) -> str:
         """What is wrong with the file, so far as it has been read; empty for a whole one."""

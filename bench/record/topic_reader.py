@@ -20,6 +20,10 @@ from bench.record.time_span import ALL, NS, Span
 from bench.record.topic_decoder import TopicDecoder
 
 
+_NAMED = 12
+"""Topics that a message names at most."""
+
+
 class LogDamaged(UserWarning):
     """A log is cut off or damaged; what could be read was."""
 
@@ -59,7 +63,9 @@ class TopicReader:
             return self.topics[topic]
         except KeyError:
             near = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
-            have = ", ".join(near or sorted(self.topics)) or "nothing"
+            known = near or sorted(self.topics)
+            more = f" and {len(known) - _NAMED} more" if len(known) > _NAMED else ""
+            have = f"{', '.join(known[:_NAMED])}{more}" if known else "nothing"
             raise BadInput(f"{self.path} has no topic {topic}; recorded are {have}") from None
 
     def decoder(self, topic: str) -> TopicDecoder:

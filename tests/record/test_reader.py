@@ -81,6 +81,7 @@ def test_what_describes_the_run(recorded):
         (lambda run: run.signal("veh1", "VehicleMotion", "Speed"), "VehicleMotion has no 'Speed'; it has CRC, AliveC"),
         (lambda run: run.signal("veh1", "VehicleSpeed", "x"), "no topic /signals/veh1/VehicleSpeed; recorded are /sig"),
         (lambda run: run.truth(3), "no topic /truth/veh3; recorded are /truth/veh1, /truth/veh2"),
+        (lambda run: run.can_id("veh9", "X"), r"no topic /signals/veh9/X; recorded are /can/v2v, .* and \d\d more$"),
         (lambda run: run.frame_table("veh9"), "no topic /can/veh9"),
         (lambda run: run.scenario, "the scenario attached to it cannot be read"),
     ],
