@@ -19,7 +19,6 @@ from bench.record.file_scan import ScannedFile
 from bench.record.time_span import ALL, NS, Span
 from bench.record.topic_decoder import TopicDecoder
 
-
 _NAMED = 12
 """Topics that a message names at most."""
 
