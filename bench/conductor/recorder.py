@@ -50,7 +50,7 @@ class Recorder:
     Once the log cannot be written any more, which raises `RunFailed`, nothing more is.
 
     Attributes:
-        cpu_s: processor time in s that recording cycles has taken.
+        cpu_s: processor time in s that recording has taken.
     """
 
     def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec], watch: ProcessWatch) -> None:
@@ -92,44 +92,24 @@ class Recorder:
         Raises:
             RunFailed: the log cannot be written.
         """
-        begun_s = time.thread_time()
-        with self._unless_failed() as writable:
-            if writable:
-                self._cycle(number, frames, truth, strays, words, received_ns)
-        self.cpu_s += time.thread_time() - begun_s
-
-    def _cycle(
-        self,
-        number: int,
-        frames: Iterable[tuple[str, int, bytes]],
-        truth: Iterable[Truth],
-        strays: Iterable[tuple[str, int]],
-        words: Sequence[tuple[str, str]],
-        received_ns: Sequence[int],
-    ) -> None:
-        time_ns = number * CYCLE_NS
-        frames = list(frames)
-        self._writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
-        health_ids, watched = self._health_ids, self._states.watched
-        for bus, can_id, data in frames:
-            place = bus, can_id
-            if place in health_ids:
-                self._note_health(bus, can_id, data, time_ns)
-            elif place in watched:
-                change = self._states.change(bus, can_id, data)
-                if change:
-                    self._writer.event(time_ns, change.level, change.source, change.text)
-        for row in truth:
-            self._writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
-        for stray in strays:
-            if stray not in self._strays:
-                self._strays.add(stray)
-                text = f"frame 0x{stray[1]:03X} on {stray[0]} is not due in the cycle it came in, or came twice"
-                self.event(number, "warning", "conductor", text)
-        for name, text in words:
-            self.event(number, "warning", name, text)
-        for name, usage in self._watch.samples():
-            self._writer.process(name, time_ns, usage)
+        with self._recording() as writable:
+            if not writable:
+                return
+            time_ns = number * CYCLE_NS
+            frames = list(frames)
+            self._writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
+            self._note_states(time_ns, frames)
+            for row in truth:
+                self._writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
+            for stray in strays:
+                if stray not in self._strays:
+                    self._strays.add(stray)
+                    text = f"frame 0x{stray[1]:03X} on {stray[0]} is not due in the cycle it came in, or came twice"
+                    self._writer.event(time_ns, "warning", "conductor", text)
+            for name, text in words:
+                self._writer.event(time_ns, "warning", name, text)
+            for name, usage in self._watch.samples():
+                self._writer.process(name, time_ns, usage)
 
     def event(self, cycle: int, level: str, source: str, text: str) -> None:
         """Record an event at the time of a cycle.
@@ -137,7 +117,7 @@ class Recorder:
         Raises:
             RunFailed: the log cannot be written.
         """
-        with self._unless_failed() as writable:
+        with self._recording() as writable:
             if writable:
                 self._writer.event(cycle * CYCLE_NS, level, source, text)
 
@@ -154,17 +134,32 @@ class Recorder:
         return self._sum(_ERRORS)
 
     @contextmanager
-    def _unless_failed(self) -> Iterator[bool]:
-        """Give whether the log can be written, and note where this is the end of that."""
+    def _recording(self) -> Iterator[bool]:
+        """Give whether the log can be written; note where this is the end of that, and the processor time it takes."""
+        begun_s = time.thread_time()
         try:
             yield not self._failed
         except RunFailed:
             self._failed = True
             raise
+        finally:
+            self.cpu_s += time.thread_time() - begun_s
 
     def _sum(self, signal: str) -> int:
         decoded = (self._codecs[bus].decode(can_id, data)[1] for (bus, can_id), data in self._health.items())
         return sum(int(values.get(signal, 0)) for values in decoded)
+
+    def _note_states(self, time_ns: int, frames: Iterable[tuple[str, int, bytes]]) -> None:
+        """Record as events what frames show of the states and the counts of those that sent them."""
+        health_ids, watched = self._health_ids, self._states.watched
+        for bus, can_id, data in frames:
+            place = bus, can_id
+            if place in health_ids:
+                self._note_health(bus, can_id, data, time_ns)
+            elif place in watched:
+                change = self._states.change(bus, can_id, data)
+                if change:
+                    self._writer.event(time_ns, change.level, change.source, change.text)
 
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:
         before = self._health.get((bus, can_id))
