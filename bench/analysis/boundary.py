@@ -20,5 +20,9 @@ def yaw_rate_max(v_x: Array, mu: Array | float) -> Array:
 
 
 def margin(gamma: Array, v_x: Array, mu: Array | float) -> Array:
-    """Return 1 - |gamma| / gamma_max, dimensionless (n,): 1 going straight, 0 on the boundary, negative outside."""
-    return 1.0 - np.abs(gamma) / yaw_rate_max(v_x, mu)
+    """Return 1 - |gamma| / gamma_max, dimensionless (n,): 1 going straight, 0 on the boundary, negative outside.
+
+    Without any adhesion, which only a damaged log has, it is no finite number.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return 1.0 - np.abs(gamma) / yaw_rate_max(v_x, mu)

@@ -18,7 +18,7 @@ from bench.analysis.motion import Array, rows_at
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
 from bench.analysis.timing import histograms, timing
-from bench.bus.topic import V2V
+from bench.bus.topic import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
 
@@ -359,7 +359,8 @@ class Figures:
             rows, at = rows_at(bus.t, t)
             values[at] = 100.0 * bus.load[rows]
             self._series.put(f"load.{bus.bus}", values, peak=True)
-            line_colour = "ink" if bus.bus == V2V else colour(int(bus.bus.removeprefix("veh")))
+            vehicle = vehicle_of(bus.bus)
+            line_colour = "ink" if vehicle is None else colour(vehicle)
             curves.append(Curve(bus.bus, "t", f"load.{bus.bus}", line_colour, dash=bus.bus == V2V, step=True))
         lines = [Line(100.0, "full", limit=True)] if max((bus.worst for bus in buses), default=0.0) > 0.8 else []
         self._add_if(

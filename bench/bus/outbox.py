@@ -14,7 +14,7 @@ from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
 from bench.bus.fault_plan import FaultPlan, hits
-from bench.bus.topic import CYCLE_MS, V2V, Signals
+from bench.bus.topic import CYCLE_MS, V2V, Signals, vehicle_of
 from bench.errors import BadInput
 from bench.faults import (
     BabblingIdiot,
@@ -224,14 +224,9 @@ def is_off(node: str, bus: str, faults: Faults) -> bool:
     for _, fault in faults:
         if isinstance(fault, BusOff) and fault.node == node and bus != V2V:
             return True
-        if isinstance(fault, V2VOutage) and bus == V2V and fault.vehicle in (None, _vehicle_of(node)):
+        if isinstance(fault, V2VOutage) and bus == V2V and fault.vehicle in (None, vehicle_of(node)):
             return True
     return False
-
-
-def _vehicle_of(node: str) -> int | None:
-    number = node.partition(".")[0].removeprefix("veh")
-    return int(number) if number.isdecimal() else None
 
 
 def _starved(codec: Codec, bus: str, faults: Faults) -> frozenset[int]:

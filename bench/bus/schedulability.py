@@ -19,7 +19,7 @@ from bench.bus.codec import Codec
 from bench.bus.frame_length import longest_bits, priority
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.timing import CYCLE_NS, sender_of
-from bench.bus.topic import V2V
+from bench.bus.topic import V2V, vehicle_of
 from bench.errors import BadInput
 
 _NS = 1_000_000_000
@@ -75,7 +75,7 @@ def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
     for name in codec.names:
         message = codec.message(name)
         sender = sender_of(bus, message.senders[0]) if message.senders else ""
-        absent = bus == V2V and sender.startswith("veh") and _number(sender) > vehicles
+        absent = bus == V2V and (vehicle_of(sender) or 0) > vehicles
         if message.cycle_time and name != BENCH_ABSENT and not absent:
             can_id = codec.can_id(name) | (EXTENDED if message.is_extended_frame else 0)
             found.append(Stream(name, can_id, message.length, codec.period(name) * CYCLE_NS))
@@ -205,7 +205,3 @@ def _transmission(message: Stream, bit_rate: int) -> int:
 def _by_priority(messages: Sequence[Stream]) -> list[Stream]:
     ranks = priority(np.array([message.can_id for message in messages], np.uint32)).tolist()
     return [messages[index] for index in np.argsort(ranks, kind="stable").tolist()]
-
-
-def _number(process: str) -> int:
-    return int(process.partition(".")[0].removeprefix("veh"))

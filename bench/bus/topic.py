@@ -21,6 +21,12 @@ def vehicle_bus(vehicle: int) -> str:
     return f"veh{vehicle}"
 
 
+def vehicle_of(name: str) -> int | None:
+    """Number of the vehicle whose bus or process `name` is (veh3, veh3.planner), None where it is no vehicle's."""
+    number = name.partition(".")[0].removeprefix("veh")
+    return int(number) if name.startswith("veh") and number.isdecimal() else None
+
+
 @dataclass(frozen=True, slots=True)
 class Topic:
     """One message on one bus, as something to listen to."""

@@ -1,17 +1,20 @@
 """What a real run did to its buses, against the worst case and against the frames themselves."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from bench.analysis.bus_load import bus_loads
 from bench.analysis.bus_strip import strip
+from bench.analysis.figures import Figures
 from bench.analysis.report import render
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.timing import CYCLE_NS, BusTimeline
 from bench.record import Run
+from bench.record.drawing import colour
 from bench.record.writer import RunWriter
 
 from .conftest import Motions
@@ -102,3 +105,10 @@ def test_cycles_without_frames_are_idle_however_many_they_are(tmp_path):
     assert load.cycles == cycles[-1] + 1
     assert load.mean == pytest.approx(load.load.sum() / load.cycles)
     assert load.worst < 0.1
+
+
+def test_a_bus_of_any_name_is_drawn(formation, loads):
+    """A damaged log may call a bus what it likes."""
+    odd = [replace(loads["veh1"], bus="weh1"), loads["veh2"]]
+    figure = next(each for each in Figures(formation, odd).figures if each.id == "busload")
+    assert [(curve.name, curve.colour) for curve in figure.curves] == [("weh1", "ink"), ("veh2", colour(2))]

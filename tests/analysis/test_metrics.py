@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
+from bench.analysis.boundary import margin
 from bench.analysis.metrics import compute
 from bench.errors import BadInput
 from bench.record import Run
@@ -209,3 +210,11 @@ def test_the_real_formation_is_what_the_issue_asks_for(formation):
     assert figures.final_speeds_mps == pytest.approx([20.0] * 3, abs=0.1)
     assert figures.boundary_margin_min > 0.0
     assert figures.solver_ms["p50"] > 0.0
+
+
+def test_without_adhesion_there_is_no_finite_margin_and_no_warning():
+    """A damaged log may say that."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = margin(np.array([0.0, 0.1]), np.array([20.0, 20.0]), np.array([0.0, 0.0]))
+    assert not np.isfinite(found).any()
