@@ -246,16 +246,23 @@ def diff(
     """Compare the frames of two runs, leaving out only messages that carry wall-clock figures."""
     from bench.record.compare import diff as compare
 
+    logs = readable_log(a), readable_log(b)
     if plot is not None:
-        check_report(plot)
-    difference = compare(readable_log(a), readable_log(b))
-    typer.echo(str(difference))
-    if plot is not None:
-        from bench.analysis.report import write
+        from bench.analysis.report import check_drawable
         from bench.record.reader import Run
 
+        check_report(plot)
+        for log in logs:
+            check_drawable(Run(log))
+    difference = compare(*logs)
+    typer.echo(str(difference))
+    if plot is not None:
+        from bench.analysis.differences import MAX_SIGNALS
+        from bench.analysis.report import write
+
         write(Run(a), plot, Run(b), difference.signals)
-        typer.echo(f"plot:   {plot}")
+        some = f", of the first {MAX_SIGNALS} signals" if len(difference.signals) > MAX_SIGNALS else ""
+        typer.echo(f"plot:   {plot}{some}")
     raise typer.Exit(0 if difference.same else 1)
 
 

@@ -18,6 +18,7 @@ from bench.analysis.metrics import compute
 from bench.analysis.page_data import PageData, live_data, page_data
 from bench.analysis.picture import snapshots
 from bench.analysis.two_runs import together
+from bench.errors import BadInput
 from bench.output_paths import write_report
 from bench.record import Run
 from bench.record.compare import SignalDifference
@@ -68,6 +69,17 @@ def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str
     title = f"platoon: {data['scenario']} and {data['other']['scenario']}"
     pictures = _figure(snapshots(a), "A") + _figure(snapshots(b), "B")
     return _page(data, title, pictures, strip(buses) if buses else "")
+
+
+def check_drawable(run: Run) -> None:
+    """Refuse a log of which no report can be made.
+
+    Raises:
+        BadInput: it has no truth or no scenario.
+    """
+    missing = [f"/truth/veh{v}" for v in range(1, len(run.scenario.vehicles) + 1) if f"/truth/veh{v}" not in run.topics]
+    if missing:
+        raise BadInput(f"{run.path} has no {', '.join(missing)}: no page can be drawn of a run without its truth")
 
 
 def render_live(run: Run) -> str:

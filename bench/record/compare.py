@@ -16,11 +16,14 @@ import numpy.typing as npt
 
 from bench.bus.e2e import CRC_SIGNAL
 from bench.errors import BadInput
+from bench.record.meaning import Meaning, meanings
 from bench.record.reader import Columns, Run
 from bench.record.time_span import NS
 
 # What makes two frames the same.
 _COMPARED = ("time", "can_id", "length", "data")
+
+_SAME_TIME_S = 1e-9
 
 
 @dataclass(frozen=True)
@@ -106,20 +109,26 @@ def diff(a: Path | str, b: Path | str) -> Difference:
     signals: list[SignalDifference] = []
     counts = [0, 0]
     for bus in buses:
-        left, right = (_frames(run, bus) for run in runs)
+        meant = meanings(*runs, bus)
+        left_out = set[int]().union(*(meaning.wall_clock_ids for meaning in meant or ()))
+        left, right = (_frames(run, bus, left_out) for run in runs)
         counts[0] += len(left)
         counts[1] += len(right)
-        first = _first_difference(runs, bus, left, right)
+        first = _first_difference(meant, bus, left, right)
         if first is None:
             continue
         firsts.append(first)
-        names = runs[0].messages(bus), runs[1].messages(bus)
-        notes += _only_one(f"message on {bus}", *names)
         ends = tuple(int(table["time"].max(initial=0)) / NS for table in (left, right))
         if ends[0] != ends[1]:
             notes.append(f"{bus} ends at {ends[0]:.3f} s in A, at {ends[1]:.3f} s in B")
+        if meant is None:
+            notes.append(f"{bus}: neither log tells what its frames mean, so no signals are compared")
+            continue
+        names = [[name for name in meaning.names if meaning.can_ids[name] not in left_out] for meaning in meant]
+        notes += _only_one(f"message on {bus}", *names)
         for message in (name for name in names[0] if name in names[1]):
-            found, note = _signal_differences(runs, bus, message, min(ends) if ends[0] != ends[1] else math.inf)
+            end_s = min(ends) if ends[0] != ends[1] else math.inf
+            found, note = _signal_differences(meant, bus, message, end_s)
             signals += found
             notes += note
     return Difference(
@@ -130,9 +139,9 @@ def diff(a: Path | str, b: Path | str) -> Difference:
     )
 
 
-def _frames(run: Run, bus: str) -> npt.NDArray[Any]:
+def _frames(run: Run, bus: str, left_out: set[int]) -> npt.NDArray[Any]:
     table = run.frame_table(bus)
-    table = table[~np.isin(table["can_id"], list(run.wall_clock_ids(bus)))]
+    table = table[~np.isin(table["can_id"], list(left_out))]
     if not table["wire"].any():
         return table
     # Of a bus that is overloaded, a frame stands in the log when it has been on the wire at last, and how much was
@@ -149,7 +158,7 @@ def _only_one(what: str, a: Iterable[str], b: Iterable[str]) -> list[str]:
 
 
 def _first_difference(
-    runs: tuple[Run, Run], bus: str, left: npt.NDArray[Any], right: npt.NDArray[Any]
+    meant: tuple[Meaning, Meaning] | None, bus: str, left: npt.NDArray[Any], right: npt.NDArray[Any]
 ) -> FirstDifference | None:
     common = min(len(left), len(right))
     differs = np.zeros(common, np.bool_)
@@ -162,40 +171,38 @@ def _first_difference(
         return None
     time_ns = min(int(row["time"]) for row in rows if row is not None)
     texts = [
-        None if row is None else _describe(run, bus, row, int((table["can_id"][:at] == row["can_id"]).sum()))
-        for run, row, table in zip(runs, rows, (left, right), strict=True)
+        None if row is None else _describe(meaning, row, int((table["can_id"][:at] == row["can_id"]).sum()))
+        for meaning, row, table in zip(meant or (None, None), rows, (left, right), strict=True)
     ]
     return FirstDifference(time_ns / NS, bus, texts[0], texts[1])
 
 
-def _describe(run: Run, bus: str, row: Any, before: int) -> str:
-    """Return a frame as text: time, identifier, bytes and, where the log has them decoded, its signals.
+def _describe(meaning: Meaning | None, row: Any, before: int) -> str:
+    """Return a frame as text: time, identifier, bytes and, where that is known, its signals.
 
     Args:
-        run: the log.
-        bus: the frame's bus.
+        meaning: of its bus.
         row: the frame, of `Run.frame_table`.
         before: how many frames of its identifier were on that bus before it; in one cycle there may be several.
     """
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
     text = f"{int(row['time']) / NS:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
-    for message in run.messages(bus):
-        if run.can_id(bus, message) == can_id:
-            columns = run.message(bus, message)
-            # Where a frame had a wrong length it was not decoded, and its rank in the log tells nothing.
-            if before < len(columns["t"]) and abs(columns["t"][before] - row["time"] / NS) < 1e-9:
-                values = (f"{name} {columns[name][before]:.9g}" for name in columns if name != "t")
-                return f"{text} {message}: {', '.join(values)}"
-    return text
+    name = next((name for name, known in meaning.can_ids.items() if known == can_id), None) if meaning else None
+    if meaning is None or name is None:
+        return text
+    message = meaning.message(name)
+    # Where a frame had a wrong length it was not decoded, and its rank in the log tells nothing.
+    if before >= len(message.columns["t"]) or abs(message.columns["t"][before] - row["time"] / NS) >= _SAME_TIME_S:
+        return f"{text} {name}"
+    return f"{text} {name}: {message.text(before)}"
 
 
 def _signal_differences(
-    runs: tuple[Run, Run], bus: str, message: str, end_s: float
+    meant: tuple[Meaning, Meaning], bus: str, message: str, end_s: float
 ) -> tuple[list[SignalDifference], list[str]]:
     """Return the signals of a message that differ, and that before `end_s` it came more often in one of the runs."""
-    if runs[0].is_wall_clock(bus, message):
-        return [], []
-    tables = runs[0].message(bus, message), runs[1].message(bus, message)
+    messages = meant[0].message(message), meant[1].message(message)
+    tables = messages[0].columns, messages[1].columns
     rows = _same_times(*tables)
     found = []
     for name in (name for name in tables[0] if name != "t" and name in tables[1]):
@@ -210,7 +217,7 @@ def _signal_differences(
                     first_s=float(tables[0]["t"][rows[0]][np.argmax(differs)]),
                     count=int(differs.sum()),
                     largest=float(np.abs(values[0] - values[1])[differs].max()),
-                    unit=runs[0].unit(f"/signals/{bus}/{message}", name),
+                    unit=messages[0].units.get(name, ""),
                 )
             )
     if len(found) > 1:

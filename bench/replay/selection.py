@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 from bench.bus.codec import Codec
 from bench.bus.timing import sender_of
-from bench.bus.topic import V2V
 from bench.errors import BadInput
+from bench.record.meaning import attached_codec
 from bench.record.reader import Run
 
 
@@ -44,7 +43,7 @@ class Selection:
         buses = tuple(bus for bus in run.buses if not only or bus in only)
         if not buses:
             raise BadInput(f"{run.path} holds no frames")
-        sent = {bus: _sent_by(run, bus, _attached(run, bus)) for bus in run.buses} if without else {}
+        sent = {bus: _sent_by(run, bus, attached_codec(run, bus)) for bus in run.buses} if without else {}
         known = sorted({sender for senders in sent.values() for sender in senders})
         for name in without:
             if name not in known:
@@ -74,20 +73,6 @@ def _sent_by(run: Run, bus: str, attached: Codec | None) -> dict[str, set[int]]:
             if participant in found:
                 found[participant].add(described.frame_id)
     return found
-
-
-def _attached(run: Run, bus: str) -> Codec | None:
-    """Return the codec of the DBC that is attached for `bus`, None where there is none that can be read."""
-    try:
-        return _parsed(run.attachments["v2v.dbc" if bus == V2V else "vehicle.dbc"].decode())
-    except (KeyError, BadInput, UnicodeDecodeError):
-        return None
-
-
-# All vehicles' buses have one DBC.
-@lru_cache(maxsize=2)
-def _parsed(text: str) -> Codec:
-    return Codec.from_text(text)
 
 
 def _participant(bus: str, node: str) -> str:

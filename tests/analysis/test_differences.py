@@ -4,9 +4,12 @@ import json
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from bench.analysis.differences import MAX_SIGNALS, figures_of
 from bench.analysis.report import write as write_report
+from bench.cli import app
+from bench.errors import BadInput
 from bench.record import Run, diff
 
 from .conftest import Motions, write
@@ -60,6 +63,24 @@ def test_the_page_begins_with_what_differs_and_has_no_more_than_it_can_show(tmp_
     drawn = [figure for figure in data["figures"] if figure["group"] == "What differs"]
     assert data["figures"][: len(drawn)] == drawn
     assert len(drawn) == 2 * MAX_SIGNALS
+    assert drawn[0]["caption"].endswith(
+        f"{MAX_SIGNALS + 1} signals differ; the {MAX_SIGNALS} that begin first are drawn, and platoon diff lists all."
+    )
     for figure in data["figures"]:
         for curve in figure["curves"]:
             assert {curve["x"], curve["y"]} <= data["pool"].keys()
+
+
+def test_the_command_draws_runs_and_refuses_other_logs_before_it_compares(tmp_path, runs):
+    a, b = (str(run.path) for run in runs)
+    page, runner = str(tmp_path / "d.html"), CliRunner()
+    drawn = runner.invoke(app, ["diff", a, b, "--plot", page])
+    assert drawn.exit_code == 1
+    assert drawn.output.endswith(f"plot:   {page}\n")
+    raw = str(tmp_path / "raw.mcap")
+    assert runner.invoke(app, ["log", "export", a, "-o", str(tmp_path / "a.log")]).exit_code == 0
+    assert runner.invoke(app, ["log", "import", str(tmp_path / "a.log"), "-o", raw]).exit_code == 0
+    refused = runner.invoke(app, ["diff", a, raw, "--plot", str(tmp_path / "e.html")])
+    assert isinstance(refused.exception, BadInput)
+    assert refused.output == ""
+    assert not (tmp_path / "e.html").exists()

@@ -2,9 +2,10 @@
 
 import pytest
 
+from bench.bus.codec import DBC_DIR, Codec, load_codecs
 from bench.bus.timing import BusTimeline
 from bench.errors import BadInput
-from bench.record import RunWriter, diff
+from bench.record import Run, RunWriter, diff
 
 from .conftest import open_writer
 
@@ -152,3 +153,58 @@ def test_nothing_to_compare_is_no_success(codecs, tmp_path, make_log):
     RunWriter(path, codecs=codecs, truth_names=(), vehicles=1, metadata={}, attachments={}).close({})
     with pytest.raises(BadInput, match="holds no frame"):
         diff(path, make_log("a.mcap").path)
+
+
+def frames_only(source, target, *, dbc=False):
+    """The raw frames of a log, with or without the DBC files that tell what they mean."""
+    run, codecs = Run(source), load_codecs(2)
+    attached = {name: (DBC_DIR / name).read_bytes() for name in ("v2v.dbc", "vehicle.dbc")} if dbc else {}
+    nothing = Codec.from_text('VERSION ""\n')
+    with RunWriter(
+        target,
+        codecs=dict.fromkeys(codecs, nothing),
+        truth_names=(),
+        vehicles=2,
+        metadata={},
+        attachments=attached,
+    ) as writer:
+        for frame in run.frames():
+            writer.frame(frame.bus, frame.time_ns, frame.can_id, frame.data, frame.receive_ns)
+    return target
+
+
+def test_frames_are_the_same_whether_or_not_a_log_has_decoded_them(make_log, tmp_path):
+    a = make_log("a.mcap").path
+    assert diff(a, frames_only(a, tmp_path / "b.mcap", dbc=True)).same
+    assert diff(frames_only(a, tmp_path / "c.mcap", dbc=True), a).same
+
+
+def test_signals_of_raw_frames_are_those_of_the_dbc_that_is_attached(make_log, tmp_path):
+    a = make_log("a.mcap").path
+    b = make_log("b.mcap", change=changed_at(17, "veh2", 0x102, lambda f: flip_bit(f, 20))).path
+    decoded = diff(a, b)
+    for dbc_of in ("a", "b"):
+        raw = [frames_only(log, tmp_path / f"{log.stem}-{dbc_of}.mcap", dbc=log.stem == dbc_of) for log in (a, b)]
+        found = diff(*raw)
+        assert found.signals == decoded.signals
+        assert found.first == decoded.first
+        assert found.notes == ()
+
+
+def test_where_nothing_tells_what_frames_mean_that_is_said(make_log, tmp_path):
+    a = make_log("a.mcap").path
+    b = make_log("b.mcap", change=changed_at(17, "veh2", 0x102, lambda f: flip_bit(f, 20))).path
+    found = diff(*(frames_only(log, tmp_path / f"raw-{log.name}") for log in (a, b)))
+    assert found.first.time_s == 0.17
+    assert found.signals == ()
+    assert found.notes == ("veh2: neither log tells what its frames mean, so no signals are compared",)
+
+
+def test_values_have_their_units_and_states_their_names(make_log):
+    change = changed_at(17, "veh2", 0x102, lambda f: flip_bit(f, 20))
+    first = diff(make_log("a.mcap").path, make_log("b.mcap", change=change).path).first
+    assert " m/s, " in first.a
+    change = changed_at(17, "veh2", 0x500, lambda f: flip_bit(f, 40))
+    first = diff(make_log("c.mcap").path, make_log("d.mcap", change=change).path).first
+    assert "PlannerStatus: " in first.a
+    assert "State Init" in first.a

@@ -50,6 +50,7 @@ function fillMetrics() {
 }
 
 function fillCompared(table) {
+  table.className = "compared";
   heading(table, ["Figure", "A", "B", "B − A", "Asked"]);
   const body = element(table, "tbody");
   for (const [name, a, b, difference, askedA, askedB, metA, metB] of data.compared) {
