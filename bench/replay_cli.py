@@ -58,6 +58,9 @@ def replay(
     if address.hub is not None:
         raise BadInput("--can direct: nobody else could see the frames; allowed: udp, udp:PORT, vcan, IFACE:CHANNEL")
     run = Run(readable_log(log))
+    for bus, place in address.own:
+        if bus not in run.buses:
+            raise BadInput(f"--can {bus}={place}: {log} has the buses {', '.join(run.buses) or '(none)'}")
     chosen = Selection.of(run, only or (), without or ())
     vehicles = max([1, *(_number(bus) for bus in chosen.buses), *(bus_number(bus) for bus, _ in address.own)])
     with ExitStack() as stack:

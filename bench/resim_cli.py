@@ -11,9 +11,11 @@ from typing import Annotated
 import typer
 
 from bench.errors import BadInput
-from bench.output_paths import check_directory, check_suffix, readable_log
+from bench.output_paths import readable_log
 
-EXIT_CODES = "Exit codes: 0 they send the same, 1 they do not, or one never ran or failed, 2 bad input."
+EXIT_CODES = "Exit codes: 0 they send the same, 1 not, or one never ran or failed, 2 bad input, or no room for -o."
+STEP_LIMIT_S = 30.0
+"""Of wall-clock time; also an ECU's first step, in which it may compile, takes far less."""
 
 
 def resim(
@@ -34,6 +36,10 @@ def resim(
             "SteeringCommand.SteeringAngle=1e-4 is in the signal's unit. States must be the same.",
         ),
     ] = None,
+    step_limit: Annotated[
+        float,
+        typer.Option(metavar="S", help="Give an ECU up that takes longer than this for a step, wall-clock time in s."),
+    ] = STEP_LIMIT_S,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="NEW.mcap", help="Write the log as it would be with what they send now."),
@@ -48,22 +54,27 @@ def resim(
     from bench.resim.plan import make_plan
     from bench.resim.text import describe
 
+    if not 0.1 <= step_limit <= 3600.0:
+        raise BadInput(f"--step-limit {step_limit:g}: want a number of seconds from 0.1 to 3600")
     readable_log(log)
     if out is not None:
-        check_suffix(out, ".mcap")
-        check_directory(out)
-        if out.exists():
-            raise BadInput(f"{out} is there already; give another -o, or remove it")
+        from bench.record.exchange.aside import check_new
+
+        check_new(out, ".mcap")
     plan = make_plan(Run(log), ecu or (), every=every, classes=spec or (), tolerances=tolerance or ())
     for note in plan.notes:
         typer.echo(f"platoon: {note}", err=True)
     outcomes = []
-    for outcome in run_all(plan.jobs):
+    for outcome in run_all(plan.jobs, step_limit):
         if outcome.bad_input:
             raise BadInput(outcome.error)
         typer.echo(describe(outcome, plan.codecs))
         outcomes.append(outcome)
-    if out is not None:
+    failed = [outcome.name for outcome in outcomes if outcome.failed]
+    if out is not None and failed:
+        # It would have the frames of the run where these would send others.
+        typer.echo(f"platoon: {out} is not written, as {', '.join(failed)} failed", err=True)
+    elif out is not None:
         from bench.resim.rewrite import write
 
         write(plan, outcomes, out, shlex.join(["platoon", *sys.argv[1:]]))

@@ -18,6 +18,10 @@ INPUT_WAIT_S = 0.005
 """In real time, how long after BenchSync an ECU waits for its inputs, if its class has no `input_wait_s`."""
 
 
+class SentNaN(UserWarning):
+    """An ECU's step has returned values that are no numbers."""
+
+
 class EcuNode:
     """An ECU as a node on its buses."""
 
@@ -133,7 +137,8 @@ class EcuNode:
             if (topic.bus, topic.message) not in sent:
                 self._keep_silent(topic, can_id, cycle, lockstep=lockstep)
         if self._not_numbers() > not_numbers:
-            warnings.warn(f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values", stacklevel=2)
+            text = f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values"
+            warnings.warn(text, SentNaN, stacklevel=2)
 
     def _keep_silent(self, topic: Topic, can_id: int, cycle: int, *, lockstep: bool) -> None:
         """Say that the ECU has nothing to say: in virtual time the others would wait for it."""

@@ -3,20 +3,28 @@
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
+from bench.conductor.linux import die_with_parent
 from bench.resim.job import Job, Outcome, work
+from bench.resim.step_limit import StepLimit
 
 # The log's frames are in memory already and need not be sent: a child forked from here has them.
 _FORK = multiprocessing.get_context("fork")
 
 
-def run_all(jobs: Sequence[Job]) -> Iterator[Outcome]:
-    """Run all jobs; give what comes of them in their order, each as soon as it and those before it are done."""
+def run_all(jobs: Sequence[Job], step_limit_s: float) -> Iterator[Outcome]:
+    """Run all jobs; give what comes of them in their order, each as soon as it and those before it are done.
+
+    Args:
+        jobs: the jobs.
+        step_limit_s: what a step may take of wall-clock time (s); an ECU that takes longer has failed.
+    """
     todo = list(enumerate(jobs))
-    running: dict[Connection, tuple[int, BaseProcess]] = {}
+    running: dict[Connection, tuple[int, BaseProcess, StepLimit]] = {}
     done: dict[int, Outcome] = {}
     given = 0
     try:
@@ -24,40 +32,59 @@ def run_all(jobs: Sequence[Job]) -> Iterator[Outcome]:
             while todo and len(running) < _cores():
                 number, job = todo.pop(0)
                 ours, theirs = _FORK.Pipe(duplex=False)
-                process: BaseProcess = _FORK.Process(target=_child, args=(job, theirs), daemon=True)
+                limit = StepLimit(step_limit_s)
+                arguments = (job, theirs, limit, os.getpid())
+                process: BaseProcess = _FORK.Process(target=_child, args=arguments, daemon=True)
                 process.start()
                 theirs.close()
-                running[ours] = number, process
+                running[ours] = number, process, limit
             ready_now = wait(list(running))
             for ready in [connection for connection in running if connection in ready_now]:
-                number, process = running.pop(ready)
-                done[number] = _outcome(jobs[number], ready, process)
+                number, process, limit = running[ready]
+                done[number] = _outcome(jobs[number], ready, process, limit)
+                del running[ready]
             while given in done:
                 yield done.pop(given)
                 given += 1
     finally:
-        for connection, (_, process) in running.items():
+        for connection, (_, process, _) in running.items():
             process.kill()
             process.join()
             connection.close()
 
 
-def _child(job: Job, connection: Connection) -> None:
+def _child(job: Job, connection: Connection, limit: StepLimit, parent: int) -> None:
     # Ctrl-C comes to the parent too, which sees to the end of this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    connection.send(work(job))
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        # What is ignored, as under nohup, stays so.
+        if signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, signal.SIG_DFL)
+    die_with_parent()
+    if os.getppid() != parent:
+        # It died before it could be told that.
+        return
+    outcome = work(job, limit)
+    # The parent ends this process as soon as it has the outcome.
+    sys.stdout.flush()
+    sys.stderr.flush()
+    connection.send(outcome)
 
 
-def _outcome(job: Job, connection: Connection, process: BaseProcess) -> Outcome:
+def _outcome(job: Job, connection: Connection, process: BaseProcess, limit: StepLimit) -> Outcome:
     try:
         outcome: Outcome = connection.recv()
     except EOFError:
         process.join()
         code = process.exitcode or 0
         how = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-        return Outcome(job.name, job.spec, error=f"its process ended {how}")
+        error = str(limit) if code == -signal.SIGALRM else f"its process ended {how}"
+        return Outcome(job.name, job.spec, error=error, failed=True)
     finally:
         connection.close()
+    # It would wait for whatever threads the class has left behind.
+    process.kill()
     process.join()
     return outcome
 

@@ -1,17 +1,20 @@
 """One ECU to be run again, and what comes of it: what goes into a process of its own and what comes out."""
 
 import traceback
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.bus.topic import CYCLE_MS, Topic
 from bench.conductor.crew import Ended
+from bench.ecu.runtime import SentNaN
 from bench.errors import BadInput, BenchError
 from bench.faults import Fault
 from bench.record.compare import SignalDifference
 from bench.resim.comparison import Comparison, First, Pair
 from bench.resim.recording import EcuLog
 from bench.resim.rerun import Rerun
+from bench.resim.step_limit import StepLimit
 from bench.resim.tolerance import Tolerance
 from bench.scenario import Scenario
 
@@ -51,6 +54,7 @@ class Outcome:
         cycles: cycles that have been compared.
         steps: how many steps the ECU has done.
         waited: in how many cycles it did none although it sent something then.
+        not_numbers: how many of the values it sent were NaN, and replaced by start values.
         not_there: which of its inputs the log does not have at all.
         differing: frames whose bytes differ, or that only one side has.
         beyond: those of them that differ by more than the tolerance.
@@ -59,6 +63,7 @@ class Outcome:
         alone: frames that only one side has, in words.
         changes: all frames that differ, by cycle.
         error: why it ended before its time, or did not run at all; empty where all went well.
+        failed: whether that is so because the ECU failed, and not because the log has too little of it.
         bad_input: whether that is due to what the user gave.
     """
 
@@ -68,6 +73,7 @@ class Outcome:
     cycles: int = 0
     steps: int = 0
     waited: int = 0
+    not_numbers: int = 0
     not_there: tuple[Topic, ...] = ()
     differing: int = 0
     beyond: int = 0
@@ -76,6 +82,7 @@ class Outcome:
     alone: tuple[str, ...] = ()
     changes: Mapping[int, Sequence[Pair]] = field(default_factory=dict)
     error: str = ""
+    failed: bool = False
     bad_input: bool = False
 
     @property
@@ -84,17 +91,20 @@ class Outcome:
         return not self.beyond and not self.error
 
 
-def work(job: Job) -> Outcome:
-    """Run an ECU again in this process."""
+def work(job: Job, limit: StepLimit) -> Outcome:
+    """Run an ECU again in this process, which a step that does not end within `limit` ends."""
     if not job.log.ran:
         return Outcome(job.name, job.spec, error="it never ran: the log has no frame of it")
     if not job.log.end:
         return Outcome(job.name, job.spec, error="the log has no whole cycle of its buses")
     comparison = Comparison(job.log, job.tolerance)
     error, bad_input, steps = "", False, 0
+    not_numbers = sum(codec.not_numbers for codec in job.log.codecs.values())
     inputs: tuple[Topic, ...] = ()
     try:
-        with Rerun(job.log, job.spec, job.scenario, job.faults) as rerun:
+        with warnings.catch_warnings(), Rerun(job.log, job.spec, job.scenario, job.faults, limit) as rerun:
+            # Their number is in the outcome; a line for each cycle says no more.
+            warnings.simplefilter("ignore", SentNaN)
             inputs = rerun.witness.inputs
             try:
                 for step in rerun:
@@ -107,7 +117,8 @@ def work(job: Job) -> Outcome:
         error, bad_input = str(failure), isinstance(failure, BadInput)
     except Exception as failure:  # noqa: BLE001 - of whoever wrote the class; the others go on
         error = f"it cannot be made: {type(failure).__name__}: {failure}{_where(failure)}"
-    if not error and not comparison.frames:
+    failed = bool(error)
+    if not failed and not comparison.frames:
         error = "it sent nothing in the cycles that could be compared"
     return Outcome(
         name=job.name,
@@ -116,6 +127,7 @@ def work(job: Job) -> Outcome:
         cycles=comparison.cycles,
         steps=steps,
         waited=comparison.waited,
+        not_numbers=sum(codec.not_numbers for codec in job.log.codecs.values()) - not_numbers,
         not_there=tuple(topic for topic in inputs if not job.log.has(topic)),
         differing=comparison.differing,
         beyond=comparison.beyond,
@@ -124,6 +136,7 @@ def work(job: Job) -> Outcome:
         alone=comparison.alone,
         changes=comparison.changes,
         error=error,
+        failed=failed,
         bad_input=bad_input,
     )
 

@@ -19,6 +19,9 @@ from bench.resim.tolerance import parse
 
 _NAME = re.compile(r"veh[1-9][0-9]?\.(planner|tracker)")
 
+RESIMULATED = "resimulated"
+"""Entry in the metadata of a log that `bench.resim.rewrite` has written: which ECUs, and as which class."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -28,6 +31,7 @@ class Plan:
         run: the log.
         codecs: codec of every bus.
         jobs: the ECUs, in their order.
+        seats: all ECUs of the run.
         specs: class of each of the run's ECUs, by name, also of those that are not run again.
         realtime: whether the wall clock paced the run.
         notes: what a person must know of the log, a sentence each.
@@ -36,6 +40,7 @@ class Plan:
     run: Run
     codecs: Mapping[str, Codec]
     jobs: tuple[Job, ...]
+    seats: tuple[Seat, ...]
     specs: Mapping[str, str]
     realtime: bool
     notes: tuple[str, ...]
@@ -80,7 +85,15 @@ def make_plan(
         jobs.append(Job(log, specs[seat.name], scenario, history.faults, tolerance))
     realtime = any(job.log.realtime for job in jobs)
     notes += _notes(run, history, jobs, realtime=realtime)
-    return Plan(run, codecs, tuple(jobs), specs, realtime, tuple(notes))
+    return Plan(run, codecs, tuple(jobs), tuple(seats.values()), specs, realtime, tuple(notes))
+
+
+def class_in(run: Run, seat: Seat) -> str:
+    """Return which class an ECU was in the run, as its metadata has it; empty where they do not tell.
+
+    An entry `ecu veh2.tracker` goes before that of all trackers, `ecu tracker`.
+    """
+    return run.metadata.get(f"ecu {seat.name}") or run.metadata.get(f"ecu {seat.role}", "")
 
 
 def _chosen(run: Run, names: Sequence[str], seats: Mapping[str, Seat], *, every: bool) -> list[Seat]:
@@ -116,7 +129,7 @@ def _class_note(run: Run, seat: Seat, given: Mapping[str, str]) -> str:
         BadInput: it is not the bench's own, and nobody has said which to take.
     """
     own = DEFAULT_ECUS[seat.role]
-    ran = run.metadata.get(f"ecu {seat.name}") or run.metadata.get(f"ecu {seat.role}", own)
+    ran = class_in(run, seat) or own
     now = given.get(seat.role, own)
     if ran == now:
         return ""
@@ -135,6 +148,11 @@ def _notes(run: Run, history: History, jobs: Sequence[Job], *, realtime: bool) -
         notes.append(
             "a real-time log: in each cycle of which it has a frame of an ECU, that ECU is given what was received "
             "before that step began; what came at that very moment may be on the wrong side, and make a difference"
+        )
+    if realtime and RESIMULATED in run.metadata:
+        notes.append(
+            f"written by resim -o, it does not tell how long the steps of these took: {run.metadata[RESIMULATED]}; "
+            "what came meanwhile is taken for their input too, and may make a difference"
         )
     if history.untold:
         notes.append(

@@ -28,6 +28,7 @@ from bench.ecu.runtime import EcuNode
 from bench.faults import EcuCrash, EcuHang, Fault
 from bench.resim.realtime_log import Feed, Naming
 from bench.resim.recording import EcuLog, Frame
+from bench.resim.step_limit import StepLimit
 from bench.resim.witness import Witness
 from bench.scenario import Scenario
 
@@ -55,7 +56,7 @@ class Rerun:
         steps: how many steps it has done.
     """
 
-    def __init__(self, log: EcuLog, spec: str, scenario: Scenario, faults: Sequence[Fault]) -> None:
+    def __init__(self, log: EcuLog, spec: str, scenario: Scenario, faults: Sequence[Fault], limit: StepLimit) -> None:
         """Put the ECU on its links.
 
         Args:
@@ -63,6 +64,7 @@ class Rerun:
             spec: its class, as `bench.ecu.main.load_class` takes it.
             scenario: that of the run.
             faults: all faults of the run, in the order that chance knows them by.
+            limit: of the time that a step may take.
 
         Raises:
             BadInput: the class cannot be loaded or takes what is not on its buses.
@@ -70,6 +72,7 @@ class Rerun:
         self._log = log
         self._class = load_class(spec)
         self._scenario = scenario
+        self._limit = limit
         self._plan = FaultPlan(faults, scenario.seed)
         self._hub = Hub()
         self._links = {bus: DirectLink(bus, self._hub) for bus in log.codecs}
@@ -80,7 +83,9 @@ class Rerun:
         name = log.seat.name
         mine = [fault for fault in faults if isinstance(fault, EcuCrash | EcuHang) and fault.ecu == name]
         self._outages = Outages(FaultPlan(mine))
-        interrupts = self._stack.enter_context(Interrupts())
+        # Not entered: signals end this process as they end any other.
+        interrupts = Interrupts()
+        self._stack.push(interrupts)
         self._crew = DirectCrew([], [name], self._make, self._links, self, interrupts)
         self._fresh = False
 
@@ -89,7 +94,7 @@ class Rerun:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the signals back."""
+        """Give up what it holds."""
         self._stack.close()
 
     @property
@@ -124,7 +129,9 @@ class Rerun:
     def _make(self, _name: str) -> tuple[Node, tuple[Topic, ...]]:
         seat, codecs = self._log.seat, self._log.codecs
         self._fresh = True
-        witness = Witness(self._class(seat.vehicle, self._scenario))
+        with self._limit.making():
+            ecu = self._class(seat.vehicle, self._scenario)
+        witness = Witness(ecu, self._limit)
         self._witnesses.append(witness)
         links = {bus: DirectLink(bus, self._hub) for bus in codecs}
         sends = sends_of(seat.role, seat.vehicle, codecs)

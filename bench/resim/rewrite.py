@@ -1,11 +1,12 @@
 """Writes a log as it would be with what ECUs send now: for `platoon diff`, `platoon report` and the rest.
 
 Only the frames of the ECUs that were run again are others. The vehicles do not know: what they did is what they did
-then, and so is what every other ECU answered. What processes took of the machine is left out.
+then, and so is what every other ECU answered. What processes took of the machine is left out, and so are the times
+that the ECUs run again took then for their calculations.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from heapq import merge
 from pathlib import Path
@@ -14,13 +15,15 @@ import numpy as np
 
 from bench.bus.timing import BusTimeline
 from bench.bus.topic import CYCLE_MS, Topic
-from bench.ecu.main import load_class
+from bench.ecu.main import load_class, sends_of
+from bench.errors import RunFailed
 from bench.record.can_frame import Frame
+from bench.record.exchange.aside import written_aside
 from bench.record.reader import Run
 from bench.record.writer import RunWriter
 from bench.resim.comparison import Pair
 from bench.resim.job import Outcome
-from bench.resim.plan import Plan
+from bench.resim.plan import RESIMULATED, Plan, class_in
 
 CYCLE_NS = CYCLE_MS * 1_000_000
 
@@ -32,37 +35,74 @@ _Writing = tuple[int, int, Callable[[], None]]
 
 
 def write(plan: Plan, outcomes: Sequence[Outcome], out: Path, command_line: str) -> None:
-    """Write the log to `out`, which must not exist.
+    """Write the log to `out`, which must not exist; where it cannot be written whole, there is none.
 
     Raises:
-        BadInput: the log holds what cannot be read.
-        RunFailed: the file cannot be written.
+        BadInput: the log holds what cannot be read, or the file cannot be written.
     """
+    with written_aside(out) as path:
+        try:
+            _write(plan, outcomes, path, command_line)
+        except RunFailed as failure:
+            # It names the file aside, where a person knows only `out`.
+            if isinstance(failure.__cause__, OSError):
+                raise failure.__cause__ from None
+            raise
+
+
+def _write(plan: Plan, outcomes: Sequence[Outcome], path: Path, command_line: str) -> None:
     run = plan.run
     # A log that was cut down to what ECUs need has no truth.
     truth_names = [name for name in run.truth(1) if name != "t"] if "/truth/veh1" in run.topics else []
     vehicles = range(1, run.vehicles + 1) if truth_names else ()
     units = {name: run.unit("/truth/veh1", name) for name in truth_names}
-    resimulated = ", ".join(f"{outcome.name} ({outcome.spec})" for outcome in outcomes)
-    head = {key: value for key, value in run.metadata.items() if key not in run.result}
+    before = [run.metadata[RESIMULATED]] if RESIMULATED in run.metadata else []
+    resimulated = ", ".join([*before, *(f"{outcome.name} ({outcome.spec})" for outcome in outcomes)])
+    head = {key: value for key, value in run.metadata.items() if key not in run.result and not key.startswith("ecu ")}
     with RunWriter(
-        out,
+        path,
         codecs=plan.codecs,
         truth_names=truth_names,
         vehicles=run.vehicles,
-        metadata={**head, "resimulated": resimulated, "resim_command_line": command_line},
+        metadata={**head, **_classes(plan, outcomes), RESIMULATED: resimulated, "resim_command_line": command_line},
         attachments=run.attachments,
         truth_units={name: unit for name, unit in units.items() if unit},
         timeline=BusTimeline(plan.codecs, _inputs(plan), realtime=plan.realtime),
     ) as writer:
         streams = (
-            _frames(run, _changes(outcomes), writer),
+            _frames(run, _changes(outcomes), _own_times(plan, outcomes), writer),
             *(_truth(run, vehicle, truth_names, writer) for vehicle in vehicles),
             _events(run, writer),
         )
         for _, _, put in merge(*streams, key=lambda writing: writing[:2]):
             put()
         writer.close(run.result)
+
+
+def _classes(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """What the metadata say of the ECUs' classes: one entry for those of a role where all are the same."""
+    again = {outcome.name: outcome.spec for outcome in outcomes}
+    of_role: dict[str, dict[str, str]] = defaultdict(dict)
+    for seat in plan.seats:
+        of_role[seat.role][seat.name] = again.get(seat.name) or class_in(plan.run, seat)
+    found: dict[str, str] = {}
+    for role, classes in of_role.items():
+        different = set(classes.values())
+        found |= {role: different.pop()} if len(different) == 1 else classes
+    # A log made by hand may not tell.
+    return {f"ecu {who}": spec for who, spec in found.items() if spec}
+
+
+def _own_times(plan: Plan, outcomes: Sequence[Outcome]) -> set[tuple[str, int]]:
+    """Bus and identifier of the wall-clock figures that the ECUs run again sent then."""
+    again = {outcome.name for outcome in outcomes}
+    return {
+        (topic.bus, can_id)
+        for seat in plan.seats
+        if seat.name in again
+        for topic in sends_of(seat.role, seat.vehicle, plan.codecs)
+        if plan.codecs[topic.bus].is_wall_clock(can_id := plan.codecs[topic.bus].can_id(topic.message))
+    }
 
 
 def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
@@ -83,9 +123,13 @@ def _changes(outcomes: Sequence[Outcome]) -> dict[int, list[Pair]]:
     return changes
 
 
-def _frames(run: Run, changes: Mapping[int, list[Pair]], writer: RunWriter) -> Iterator[_Writing]:
+def _frames(
+    run: Run, changes: Mapping[int, list[Pair]], left_out: Collection[tuple[str, int]], writer: RunWriter
+) -> Iterator[_Writing]:
     for old in run.frames():
         for frame in _changed(old, changes.get(old.time_ns // CYCLE_NS, [])):
+            if (frame.bus, frame.can_id) in left_out:
+                continue
             put = partial(writer.frame, frame.bus, frame.time_ns, frame.can_id, frame.data, frame.receive_ns)
             yield frame.time_ns, _FRAMES, put
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from bench.bus.codec import Codec, DecodeError
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
 from bench.bus.topic import CYCLE_MS, V2V
+from bench.record.meaning import value_text
 from bench.resim.comparison import First
 from bench.resim.job import Outcome
 
@@ -36,6 +37,9 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
         never = ", ".join(f"{topic.bus} {topic.message}" for topic in outcome.not_there)
         what = f"the log has no {never}" if never else "an input is neither there nor announced as absent"
         yield f"  in {outcome.waited} cycles it waits and does no step, as {what}"
+    if outcome.not_numbers:
+        times = "once" if outcome.not_numbers == 1 else f"{outcome.not_numbers} times"
+        yield f"  {times} it sent a value that is NaN, replaced by the signal's start value"
     if outcome.alone:
         yield from (f"  {line}" for line in outcome.alone)
     if outcome.signals:
@@ -100,9 +104,8 @@ def _decoded(codec: Codec, can_id: int, data: bytes | None) -> dict[str, float]:
 
 def _signal(codec: Codec, message: str, signal: str, value: float) -> str:
     known = next(each for each in codec.message(message).signals if each.name == signal)
-    choices = {int(number): str(text) for number, text in (known.choices or {}).items()}
-    choice = choices.get(int(value)) if value.is_integer() else None
-    return f"{signal} {choice}" if choice is not None else f"{signal} {value:.9g} {known.unit or ''}".rstrip()
+    labels = {int(number): str(text) for number, text in (known.choices or {}).items()}
+    return value_text(signal, value, known.unit or "", labels)
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

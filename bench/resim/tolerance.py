@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from cantools.database.can.signal import Signal
+
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
 from bench.errors import BadInput
@@ -38,12 +40,12 @@ class Tolerance:
         if signal == CRC_SIGNAL:
             # It follows from the rest of a frame, so where that may differ it may too.
             return True
-        known = next(each for each in codec.message(message).signals if each.name == signal)
+        if _must_be_equal(codec, message, signal):
+            return False
         given = self.signals.get((message, signal))
         if given is not None:
             return abs(a - b) <= given
-        if known.choices or signal == COUNTER_SIGNAL:
-            return False
+        known = _described(codec, message, signal)
         step = _FLOAT_STEP * max(abs(a), abs(b)) if known.is_float else abs(float(known.scale))
         # Half a step more would be the next whole number of them.
         return abs(a - b) <= (self.steps + 1e-6) * step
@@ -57,7 +59,7 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
         messages: the messages that may be named, each with its bus's codec.
 
     Raises:
-        BadInput: no such message or signal, or no number from 0.
+        BadInput: no such message or signal, one that must be equal, or no number from 0.
     """
     steps, signals = 0.0, {}
     for text in texts:
@@ -75,11 +77,26 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
     return Tolerance(steps, signals)
 
 
+def _must_be_equal(codec: Codec, message: str, signal: str) -> bool:
+    """Whether near is not near enough: of a state, and of what E2E protection counts and checks."""
+    return bool(_described(codec, message, signal).choices) or signal in (COUNTER_SIGNAL, CRC_SIGNAL)
+
+
+def _described(codec: Codec, message: str, signal: str) -> Signal:
+    return next(each for each in codec.message(message).signals if each.name == signal)
+
+
 def _signal(text: str, place: str, messages: Mapping[str, Codec]) -> tuple[str, str]:
     message, _, signal = place.partition(".")
     if message not in messages:
         raise BadInput(f"--tolerance {text}: these ECUs send no {message!r}, but {', '.join(messages)}")
-    signals = list(messages[message].start_values(message))
-    if signal not in signals:
+    known = [each.name for each in messages[message].message(message).signals]
+    if signal not in known:
+        signals = [each for each in known if not _must_be_equal(messages[message], message, each)]
         raise BadInput(f"--tolerance {text}: {message} has no signal {signal!r}; it has {', '.join(signals)}")
+    if _must_be_equal(messages[message], message, signal):
+        raise BadInput(
+            f"--tolerance {text}: {signal} must be the same, as it is a state (has a value table), alive counter or "
+            "CRC; a tolerance is for signals that are measured or calculated"
+        )
     return message, signal

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from bench.ecu.base import Ecu, Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import INPUT_WAIT_S
+from bench.resim.step_limit import StepLimit
 
 _KEPT = 8
 """Steps that are remembered: as many as a frame may come late."""
@@ -17,9 +18,10 @@ class Witness:
         seen: the inputs of the newest of them, by cycle.
     """
 
-    def __init__(self, ecu: Ecu) -> None:
-        """Observe `ecu`."""
+    def __init__(self, ecu: Ecu, limit: StepLimit) -> None:
+        """Observe `ecu`, whose steps are to end within `limit`."""
         self._ecu = ecu
+        self._limit = limit
         self.name = ecu.name
         self.inputs: tuple[Topic, ...] = tuple(ecu.inputs)
         self.input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
@@ -31,4 +33,6 @@ class Witness:
         self.seen[cycle] = dict(inputs)
         self.seen.pop(cycle - _KEPT, None)
         self.steps += 1
-        return self._ecu.step(cycle, time_s, inputs, health)
+        with self._limit.step(cycle):
+            # A generator would do its work only when its messages are taken out.
+            return list(self._ecu.step(cycle, time_s, inputs, health))

@@ -158,6 +158,7 @@ def test_ctrl_c_ends_it_and_says_how_far_it_came(recorded, port):
     ("options", "words"),
     [
         (["--can", "direct"], "nobody else could see the frames"),
+        (["--can", "veh9=udp"], "--can veh9=udp: .* has the buses v2v, veh1, veh2, veh3"),
         (["--only", "veh7"], "--only veh7: .* has the buses v2v, veh1, veh2, veh3"),
         (["--without", "veh7.tracker"], "tells of the senders conductor, plant, veh1.planner"),
         (["--speed", "0"], "--speed 0: want a number from 0.001 to 1000, or max"),

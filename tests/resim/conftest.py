@@ -10,6 +10,7 @@ from bench.record.reader import Run
 from bench.resim.fleet import run_all
 from bench.resim.job import Outcome
 from bench.resim.plan import make_plan
+from bench.resim_cli import STEP_LIMIT_S
 from tests.reference.__main__ import FOLDER
 from tests.reference.raw_log import write
 
@@ -40,7 +41,9 @@ def reworked(tmp_path: Path) -> Callable[..., Path]:
     return rework
 
 
-def rerun(log: Path, *names: str, tolerances: Sequence[str] = TOLERANCE, **options: object) -> list[Outcome]:
+def rerun(
+    log: Path, *names: str, tolerances: Sequence[str] = TOLERANCE, step_limit_s: float = STEP_LIMIT_S, **options: object
+) -> list[Outcome]:
     """Run ECUs of a log again, all of them where none is named."""
     plan = make_plan(Run(log), names, every=not names, tolerances=tolerances, **options)  # type: ignore[arg-type]
-    return list(run_all(plan.jobs))
+    return list(run_all(plan.jobs, step_limit_s))

@@ -1,8 +1,11 @@
 """Trackers that somebody has changed, for the tests of what a review of the change shows."""
 
 import dataclasses
+import math
 import os
 import signal
+import threading
+import time
 from collections.abc import Mapping
 
 from bench.ecu.base import Health, Outgoing, Signals, Topic
@@ -36,6 +39,19 @@ class Nudged(TrackerEcu):
         return dataclasses.replace(message, values={**message.values, "SteeringAngle": angle})
 
 
+class WithoutAngle(TrackerEcu):
+    """Steers by NaN from a certain cycle on."""
+
+    def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
+        nan = {"SteeringAngle": math.nan}
+        return [
+            dataclasses.replace(m, values={**m.values, **nan})
+            if cycle >= CYCLE and m.message == "SteeringCommand"
+            else m
+            for m in super().step(cycle, time_s, inputs, health)
+        ]
+
+
 class Raising(TrackerEcu):
     """Has an error in it."""
 
@@ -52,6 +68,24 @@ class Killed(TrackerEcu):
         if cycle == CYCLE and self.name == "veh2.tracker":
             os.kill(os.getpid(), signal.SIGKILL)
         return super().step(cycle, time_s, inputs, health)
+
+
+class Hanging(TrackerEcu):
+    """Never ends a step, and tells its process."""
+
+    def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
+        while cycle == CYCLE:
+            print(f"hangs in {os.getpid()}", flush=True)  # noqa: T201
+            time.sleep(3600)
+        return super().step(cycle, time_s, inputs, health)
+
+
+class Lingering(TrackerEcu):
+    """Leaves a thread behind that never ends."""
+
+    def __init__(self, vehicle: int, scenario: Scenario) -> None:
+        super().__init__(vehicle, scenario)
+        threading.Thread(target=threading.Event().wait).start()
 
 
 class Greedy(TrackerEcu):

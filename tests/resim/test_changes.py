@@ -1,5 +1,7 @@
 """What a review of a changed controller, or a changed log, shows."""
 
+import resource
+
 import pytest
 
 from bench.bus.codec import load_codecs
@@ -111,6 +113,21 @@ def test_an_ecu_that_fails_does_so_in_one_line_and_the_others_go_on():
     assert outcome.error.startswith("veh1.tracker: input Radar does not exist on bus veh1; its DBC has ")
 
 
+def test_values_that_are_no_numbers_are_told_once(capfd):
+    (outcome,) = rerun(FIVE, "veh1.tracker", classes=changed("WithoutAngle"))
+    assert outcome.not_numbers == 70
+    assert "  70 times it sent a value that is NaN, replaced by the signal's start value" in describe(outcome, CODECS)
+    assert "NaN" not in capfd.readouterr().err
+
+
+def test_an_ecu_that_hangs_is_given_up():
+    (outcome,) = rerun(FIVE, "veh1.tracker", classes=changed("Hanging"), step_limit_s=5.0)
+    assert outcome.error == f"hangs in cycle {CYCLE} (t = 0.300 s): no end within 5 s"
+    assert not outcome.same
+    (outcome,) = rerun(FIVE, "veh1.tracker", classes=changed("Lingering"))
+    assert outcome.same
+
+
 def test_a_log_in_which_the_ecu_never_ran_fails(reworked):
     silent = reworked("five", lambda frame: [] if frame.bus == "veh3" and frame.can_id >= 0x200 else [frame])
     (outcome,) = rerun(silent, "veh3.tracker")
@@ -146,7 +163,10 @@ def test_another_class_than_the_benchs_own_is_not_compared_unasked(reworked):
         ({"tolerances": ["-1"]}, "--tolerance -1: want a number from 0 on"),
         ({"tolerances": ["nan"]}, "--tolerance nan: want a number from 0 on"),
         ({"tolerances": ["Reference.YawRate=1"]}, "these ECUs send no 'Reference', but SteeringCommand, "),
-        ({"tolerances": ["SteeringCommand.Angle=1"]}, "SteeringCommand has no signal 'Angle'; it has SteeringAngle, "),
+        ({"tolerances": ["2", "TrackerStatus.State=5"]}, "TrackerStatus.State=5: State must be the same, as it is a"),
+        ({"tolerances": ["SteeringCommand.AliveCounter=1"]}, "AliveCounter must be the same, as it is a state"),
+        ({"tolerances": ["SteeringCommand.CRC=1"]}, "CRC must be the same, as it is a state"),
+        ({"tolerances": ["SteeringCommand.Angle=1"]}, "SteeringCommand has no signal 'Angle'; it has SteeringAngle"),
     ],
 )
 def test_bad_input_is_refused_in_words(options, complaint):
@@ -174,6 +194,47 @@ def test_the_log_as_it_would_be_has_the_new_frames_and_all_others_as_they_were(t
     written = Run(tmp_path / "as_it_would_be.mcap")
     assert "veh1.tracker" in written.metadata["resimulated"]
     assert written.scenario == Run(FIVE).scenario
+
+
+def test_the_log_as_it_would_be_is_that_of_the_new_class(reworked, tmp_path):
+    sync, timing = (CODECS["veh1"].can_id(name) for name in ("BenchSync", "TrackerTiming"))
+
+    def timed(frame):
+        times = frame.can_id == sync and frame.bus in ("veh1", "veh2")
+        return [frame, frame._replace(can_id=timing, data=bytes(8))] if times else [frame]
+
+    own, new = "bench.ecu.tracker:TrackerEcu", f"{CONTROLLERS}:Nudged"
+    log, one, every = reworked("five", timed), tmp_path / "one.mcap", tmp_path / "every.mcap"
+    plan = make_plan(Run(log), ["veh1.tracker"], classes=changed("Nudged"))
+    write(plan, rerun(log, "veh1.tracker", classes=changed("Nudged")), one, "test")
+    metadata = Run(one).metadata
+    assert "ecu tracker" not in metadata
+    assert [metadata[f"ecu veh{vehicle}.tracker"] for vehicle in (1, 2)] == [new, own]
+    # What the old class took of the processor is not what the new one does.
+    timed_after = [bus for bus in ("veh1", "veh2") if timing in Run(one).frame_table(bus)["can_id"]]
+    assert timed_after == ["veh2"]
+    with pytest.raises(BadInput, match=r"veh1\.tracker ran as .*controllers\.py:Nudged; give --class"):
+        make_plan(Run(one), ["veh1.tracker"])
+    (again,) = rerun(one, "veh1.tracker", classes=changed("Nudged"))
+    assert not again.differing
+    back = make_plan(Run(one), ["veh1.tracker"], classes=[f"tracker={own}"])
+    write(back, rerun(one, "veh1.tracker", classes=[f"tracker={own}"]), every, "test")
+    assert {key: spec for key, spec in Run(every).metadata.items() if key.startswith("ecu ") and "tracker" in key} == {
+        "ecu tracker": own
+    }
+
+
+def test_a_log_that_cannot_be_written_whole_is_not_there(tmp_path):
+    plan = make_plan(Run(FIVE), ["veh1.tracker"])
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    # Half of the file; a full disk is the same to who writes.
+    resource.setrlimit(resource.RLIMIT_FSIZE, (FIVE.stat().st_size // 2, limits[1]))
+    try:
+        with pytest.raises(BadInput, match=r"cannot write .*/new\.mcap: File too large"):
+            write(plan, [], tmp_path / "new.mcap", "test")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_ecu_of_which_nothing_is_left_to_compare_fails(reworked):

@@ -5,6 +5,9 @@ import pytest
 from bench.bus.codec import load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
 from bench.bus.topic import Topic
+from bench.record.reader import Run
+from bench.resim.plan import make_plan
+from bench.resim.rewrite import write
 from bench.resim.text import describe
 from tests.resim.conftest import rerun
 
@@ -36,11 +39,16 @@ def received(frame, late_ns=0):
     return frame._replace(receive_ns=BEGAN_NS + frame.time_ns + into_cycle + late_ns)
 
 
-def test_what_came_in_time_is_answered_with_the_same_bytes(reworked):
-    outcomes = rerun(reworked("five", lambda frame: [received(frame)]), "veh1.tracker", "veh2.planner")
+def test_what_came_in_time_is_answered_with_the_same_bytes(reworked, tmp_path):
+    log = reworked("five", lambda frame: [received(frame)])
+    outcomes = rerun(log, "veh1.tracker", "veh2.planner")
     for outcome in outcomes:
         assert outcome.same, describe(outcome, CODECS)
         assert (outcome.cycles, outcome.steps) == (100, 100)
+    write(make_plan(Run(log), ["veh1.tracker"]), outcomes[:1], tmp_path / "new.mcap", "test")
+    notes = make_plan(Run(tmp_path / "new.mcap"), ["veh1.tracker"]).notes
+    told = "how long the steps of these took: veh1.tracker (bench.ecu.tracker:TrackerEcu);"
+    assert [note for note in notes if told in note]
 
 
 @pytest.mark.parametrize("late_ns", [4_900_000, 5_100_000])

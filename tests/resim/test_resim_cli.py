@@ -1,9 +1,12 @@
 """The command `platoon resim`, as a person calls it."""
 
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 from tests.reference.__main__ import FOLDER
 from tests.resim.conftest import CONTROLLERS, TOLERANCE
@@ -30,10 +33,28 @@ def test_it_ends_with_0_where_all_is_the_same_and_with_1_where_it_is_not(tmp_pat
     assert (tmp_path / "new.mcap").is_file()
 
 
-def test_it_ends_with_1_where_the_ecu_never_ran_and_with_2_where_there_is_no_log(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_no_process_is_left_when_it_is_ended(number):
+    arguments = [FIVE, "--ecu", "veh1.tracker", "--class", f"{CONTROLLERS}:Hanging"]
+    command = [sys.executable, "-m", "bench.cli", "resim", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[2]) as process:
+        assert process.stdout is not None
+        hanging = process.stdout.readline()
+        assert hanging.startswith("hangs in "), hanging
+        process.send_signal(number)
+        # Its output ends with the last process that has it.
+        assert process.communicate(timeout=20)[0] == ""
+    assert process.returncode == -number
+
+
+def test_it_ends_with_1_where_the_ecu_never_ran_or_failed_and_with_2_where_there_is_no_log(tmp_path):
     never = resim(FIVE, "--ecu", "veh9.tracker", cwd=tmp_path)
     assert (never.returncode, never.stdout) == (1, "")
     assert never.stderr.startswith("platoon: veh9.tracker never ran in ")
+    failing = resim(FIVE, "--ecu", "veh1.tracker", "--class", f"{CONTROLLERS}:Raising", "-o", "new.mcap", cwd=tmp_path)
+    assert failing.returncode == 1
+    assert "platoon: new.mcap is not written, as veh1.tracker failed" in failing.stderr
+    assert not (tmp_path / "new.mcap").exists()
     (tmp_path / "there.mcap").touch()
     for arguments in (
         ["nowhere.mcap", "--all"],
