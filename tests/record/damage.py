@@ -39,6 +39,7 @@ from bench.replay.order import in_order
 from bench.replay.selection import Selection
 from bench.resim.job import work
 from bench.resim.plan import make_plan
+from bench.resim.step_limit import StepLimit
 from bench.scenario import load
 
 GUARD_S = 60
@@ -323,7 +324,7 @@ def _replayed(log: Path) -> Iterator[object]:
 def _run_again(log: Path) -> str:
     """Run the ECUs again on what the log says they saw; they never fail of themselves."""
     plan = make_plan(Run(log), (), every=True, classes=[f"{role}={spec}" for role, spec in _ECUS.items()])
-    outcomes = [work(job) for job in plan.jobs]
+    outcomes = [work(job, StepLimit(GUARD_S)) for job in plan.jobs]
     for outcome in outcomes:
         if _FAILED.search(outcome.error):
             raise AssertionError(outcome.error)
