@@ -40,6 +40,9 @@ class ExportName(StrEnum):
     PARQUET = "parquet"
 
 
+_TABLES = (ExportName.CSV, ExportName.PARQUET)
+
+
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def info(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log, which may still be written.")],
@@ -59,6 +62,7 @@ def info(
     rows = [
         ("log", f"{found.path}, {found.bytes / 1e6:.3g} MB"),
         ("time", "no message" if is_empty else f"{found.start_s:.9g} s to {found.end_s:.9g} s"),
+        *([("status", found.status)] if found.status and "status" not in found.metadata else []),
         *found.metadata.items(),
         *((f"bus {bus.name}", _rate(bus.messages, "frames", bus.per_s)) for bus in found.buses),
         ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
@@ -66,6 +70,9 @@ def info(
         ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in found.attachments.items()) or "none"),
         ("damage", found.damage or "none found"),
     ]
+    if found.recovered:
+        rows.append(("recovered", f"from {found.recovered.source}"))
+        rows.extend(("lost", what) for what in found.recovered.lost)
     width = max(len(title) for title, _ in rows)
     for title, text in rows:
         # What is of several lines, as a command line may be, stays in its column.
@@ -124,7 +131,7 @@ def export(
     """
     chosen = kind or _export_format(out)
     for_tables = {"--signal": signal, "--from": start_s, "--to": end_s, "--every": every_s, "--labels": labels or None}
-    is_table = chosen in (ExportName.CSV, ExportName.PARQUET)
+    is_table = chosen in _TABLES
     for option, value in {"--bus": bus}.items() if is_table else for_tables.items():
         if value is not None:
             raise BadInput(f"{option} is for {'frames' if is_table else 'tables: csv, parquet'}, not for {chosen}")
@@ -215,9 +222,11 @@ def layout(
 def _export_format(out: Path | None) -> ExportName:
     if out is None:
         raise BadInput(f"give --format ({', '.join(ExportName)}) or -o FILE")
-    if out.suffix.lower() in (".csv", ".parquet"):
+    if out.suffix.lower() in [f".{each}" for each in _TABLES]:
         return ExportName(out.suffix.lower()[1:])
-    return ExportName(_format(None, out).value)
+    from bench.record.exchange import Format
+
+    return ExportName(Format.of(out, _TABLES).value)
 
 
 def _export_frames(log: Path, kind: FormatName, out: Path | None, buses: list[str]) -> None:

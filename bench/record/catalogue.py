@@ -6,7 +6,7 @@ A name is a topic with dots for slashes, `signals` left out, and a field.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NamedTuple
@@ -29,12 +29,30 @@ def topic_name(topic: str) -> str:
     return topic.removeprefix("/").removeprefix("signals/").replace("/", ".")
 
 
+def check_text(**arguments: object) -> None:
+    """Refuse arguments (name -> value) that are no text.
+
+    Raises:
+        BadInput: one is not.
+    """
+    for argument, value in arguments.items():
+        if not isinstance(value, str):
+            raise BadInput(f"{argument} {value!r}: want a name as text, for example 'veh1.VehicleMotion.YawRate'")
+
+
 class Catalogue:
     """All topics of a log that are tables of numbers."""
 
-    def __init__(self, path: Path, decoders: Sequence[TopicDecoder]) -> None:
-        """Name the fields of these topics, which the log `path` has, in their order."""
+    def __init__(self, path: Path, decoders: Sequence[TopicDecoder], *, has_frames: bool) -> None:
+        """Name the fields of these topics in their order.
+
+        Args:
+            path: the log.
+            decoders: of the topics.
+            has_frames: whether the log has raw frames, too.
+        """
         self._path = path
+        self._has_frames = has_frames
         self._topics = {topic_name(decoder.topic): decoder.topic for decoder in decoders}
         self._places = {
             f"{name}.{field}": Place(decoder.topic, field)
@@ -52,9 +70,12 @@ class Catalogue:
         Raises:
             BadInput: there is no such signal, or none was asked for.
         """
+        if not isinstance(patterns, Iterable):
+            check_text(names=patterns)
         asked = [patterns] if isinstance(patterns, str) else list(patterns)
         found: dict[str, Place] = {}
         for pattern in asked:
+            check_text(names=pattern)
             names = [pattern] if pattern in self._places else self.matching(pattern)
             if not names:
                 raise self._unknown("signal", pattern, list(self._places))
@@ -84,6 +105,9 @@ class Catalogue:
         return self._topics[name]
 
     def _unknown(self, what: str, name: str, known: Sequence[str]) -> BadInput:
+        if not known:
+            frames = "raw frames only; platoon log import decodes frames of other tools' logs with --dbc"
+            return BadInput(f"{self._path} has no {what} {name!r}: it holds {frames if self._has_frames else 'none'}")
         by_lower = {each.lower(): each for each in known}
         near = [by_lower[each] for each in difflib.get_close_matches(name.lower(), by_lower, _NEAR)]
         # A name that lacks its bus, say, is far from every whole name.
@@ -91,5 +115,5 @@ class Catalogue:
         if near:
             mend = f"near are {', '.join(near[:_NEAR])}"
         else:
-            mend = f"it has {len(known)}, among them {', '.join(known[:_NEAR])}" if known else "it has none"
+            mend = f"it has {len(known)}, among them {', '.join(known[:_NEAR])}"
         return BadInput(f"{self._path} has no {what} {name!r}; {mend}; platoon log signals lists all")

@@ -57,6 +57,8 @@ class ScannedFile:
                 )
         except OSError as error:
             raise BadInput(f"cannot read the log {path}: {error.strerror or error}") from error
+        if not self.size:
+            raise BadInput(f"{path} is empty: there is no log in it")
         if self._data[: len(MAGIC)] != MAGIC:
             raise BadInput(f"{path} is not an MCAP file: it does not begin with MCAP's magic bytes")
         self._pages = Pages(self._data)

@@ -41,6 +41,9 @@ _MARK_AT = RECORD.size + 28
 _MOST_FALSE = 1000
 """Places that look like a chunk and are none that are tried at most, so that no file can keep a reader for ever."""
 
+_TOLD = 3
+"""Records that cannot be read that `Contents.damage` names at most."""
+
 
 @dataclass
 class Walked:
@@ -131,7 +134,8 @@ class _Walker:
                 return
             read = _SMALL[opcode].read(ReadDataStream(io.BytesIO(record)))
         except (McapError, ValueError, struct.error) as error:
-            self.walked.damaged.append(f"a record cannot be read ({error})")
+            what = _NAMES[opcode]
+            self.walked.damaged.append(f"{what} cannot be read ({str(error) or type(error).__name__})")
             return
         if isinstance(read, Schema):
             contents.schemas.setdefault(read.id, read)
@@ -171,13 +175,16 @@ class _Walker:
         return head.crc != 0
 
     def _damage(self) -> str:
+        """Return all that the walk has met, in one line."""
         walked, size = self.walked, len(self._data)
         inside = sum(end - start for start, end in walked.lost if end < size)
-        if inside:
-            return f"{inside} bytes in it cannot be read and are left out"
+        found = [f"{inside} bytes in it cannot be read and are left out"] if inside else []
         if not walked.ended or self._data[size - len(MAGIC) :] != MAGIC:
-            return CUT_OFF
-        return walked.damaged[0] if walked.damaged else ""
+            found.append(CUT_OFF)
+        found += walked.damaged[:_TOLD]
+        if len(walked.damaged) > _TOLD:
+            found.append(f"{len(walked.damaged) - _TOLD} more records cannot be read")
+        return "; ".join(found)
 
 
 _SMALL: dict[int, Any] = {
@@ -185,5 +192,11 @@ _SMALL: dict[int, Any] = {
     Opcode.CHANNEL: Channel,
     Opcode.METADATA: Metadata,
     Opcode.ATTACHMENT: None,
+}
+_NAMES: dict[int, str] = {
+    Opcode.SCHEMA: "a schema",
+    Opcode.CHANNEL: "a channel",
+    Opcode.METADATA: "a record of metadata",
+    Opcode.ATTACHMENT: "an attachment",
 }
 _OTHERS = (Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)

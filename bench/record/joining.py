@@ -59,11 +59,11 @@ def step_ns(every_s: float) -> int:
     """Return a step in ns.
 
     Raises:
-        BadInput: it is no time larger than 0.
+        BadInput: it is no time of 1 ns or more.
     """
-    step = to_ns(every_s, "every_s")
+    step = to_ns(every_s, "--every / every_s")
     if step <= 0:
-        raise BadInput(f"every_s {every_s}: want a step in s, larger than 0")
+        raise BadInput(f"--every / every_s {every_s}: want a step in s, at least 1e-9")
     return step
 
 
@@ -129,9 +129,8 @@ def _steps(times: Mapping[str, Times], span: Span, step: int) -> Times:
     # Where an end was asked for, the last values are held until there.
     end = max(last for _, last in ends) + 1 if span.end_ns == FOREVER_NS else span.end_ns
     if (end - start) / step > MAX_ROWS:
-        raise BadInput(
-            f"every_s {step / NS:g} makes {(end - start) // step} rows, more than {MAX_ROWS}; give a larger one"
-        )
+        makes = f"makes {(end - start) // step} rows, more than {MAX_ROWS}; give a larger one"
+        raise BadInput(f"--every / every_s {step / NS:g} {makes}")
     return np.arange(start, end, step, dtype=np.int64)
 
 

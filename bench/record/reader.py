@@ -26,7 +26,7 @@ import numpy.typing as npt
 from bench.errors import BadInput
 from bench.record import foxglove
 from bench.record.can_frame import MAX_DATA, Frame
-from bench.record.catalogue import Catalogue
+from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
 from bench.record.frame_table import FRAME_TABLE, frames_of
 from bench.record.time_span import ALL, NS, Span
@@ -107,19 +107,7 @@ class Run:
     @cached_property
     def events(self) -> list[Event]:
         """What happened, in order."""
-        names = {number: name for name, number in foxglove.LEVELS.items()}
-        if "/events" not in self.topics:
-            return []
-        decoder = self.log.decoder("/events")
-        found = []
-        for _, part in itertools.chain.from_iterable(self.log.parts(["/events"])):
-            for time_ns, payload in zip(part.time_ns.tolist(), part.payloads(), strict=True):
-                log = decoder.message(payload)
-                try:
-                    found.append(Event(time_ns / NS, names.get(log.level, "info"), log.name, log.message))
-                except AttributeError as error:
-                    raise BadInput(f"{self.path}: topic /events has messages that are not foxglove.Log") from error
-        return found
+        return self._events(ALL)
 
     @cached_property
     def scenario_text(self) -> str:
@@ -207,6 +195,7 @@ class Run:
         Raises:
             BadInput: no such signal was recorded.
         """
+        check_text(bus=bus, message=message, signal=signal)
         if message:
             topic, field = f"/signals/{bus}/{message}", signal
         else:
@@ -228,13 +217,14 @@ class Run:
         order = [f"/signals/{bus}/{message}" for bus in self.buses for message in self.messages(bus)]
         others = sorted(topic for topic in self.topics if topic not in order)
         decoders = (self._decoder_of_table(topic) for topic in [*order, *others])
-        return Catalogue(self.path, [decoder for decoder in decoders if decoder])
+        return Catalogue(self.path, [decoder for decoder in decoders if decoder], has_frames=bool(self.buses))
 
     def names(self, pattern: str = "*") -> list[str]:
         """Return the names of all signals and true values that match: `*.VehicleMotion.*`, `truth.veh1.v_?`.
 
         Upper and lower case count; `*` stands for any text, also over dots, `?` for one character.
         """
+        check_text(pattern=pattern)
         return self.catalogue.matching(pattern)
 
     def frame(
@@ -284,14 +274,20 @@ class Run:
         """
         from bench.record.joining import message_frame
 
+        check_text(message=message)
         topic = self.catalogue.topic(message)
         return message_frame(self._table(topic, Span.of(start_s, end_s)), self.log.decoder(topic), labels=labels)
 
-    def event_frame(self) -> pl.DataFrame:
-        """Return the events: `t` in s, `level`, `source` and `text`."""
+    def event_frame(self, *, start_s: float | None = None, end_s: float | None = None) -> pl.DataFrame:
+        """Return the events, or those with start_s <= t < end_s: `t` in s, `level`, `source` and `text`.
+
+        Raises:
+            BadInput: a time is no good.
+        """
         from bench.record.joining import event_frame
 
-        return event_frame(self.events)
+        span = Span.of(start_s, end_s)
+        return event_frame(self.events if span == ALL else self._events(span))
 
     def signal_frame(self, pattern: str = "*", *, ranges: bool = False) -> pl.DataFrame:
         """Return what is known of signals: `name`, `unit`, `values` (how many), `start_s`, `end_s`, `comment`.
@@ -317,6 +313,7 @@ class Run:
         Raises:
             BadInput: there is no such topic or name.
         """
+        check_text(topic=topic, name=name)
         if not name:
             topic, name = self.catalogue.place(topic)
         return str(self.log.channel(topic).metadata.get(f"unit {name}", ""))
@@ -359,6 +356,21 @@ class Run:
                 at = row * MAX_DATA
                 payload = data[at : at + length]
                 yield Frame(time_ns, names[number], can_id, payload, receive_ns, wire_ns, response_ns)
+
+    def _events(self, span: Span) -> list[Event]:
+        names = {number: name for name, number in foxglove.LEVELS.items()}
+        if "/events" not in self.topics:
+            return []
+        decoder = self.log.decoder("/events")
+        found = []
+        for _, part in itertools.chain.from_iterable(self.log.parts(["/events"], span)):
+            for time_ns, payload in zip(part.time_ns.tolist(), part.payloads(), strict=True):
+                log = decoder.message(payload)
+                try:
+                    found.append(Event(time_ns / NS, names.get(log.level, "info"), log.name, log.message))
+                except AttributeError as error:
+                    raise BadInput(f"{self.path}: topic /events has messages that are not foxglove.Log") from error
+        return found
 
     def _decoder_of_table(self, topic: str) -> TopicDecoder | None:
         try:

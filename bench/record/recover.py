@@ -19,10 +19,8 @@ from bench.record.chunking import Records
 from bench.record.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS, McapFile, media_type
 from bench.record.exchange.aside import check_new, written_aside
 from bench.record.file_scan import ScannedFile, message_heads
+from bench.record.recovered import METADATA, Recovery
 from bench.record.time_span import NS
-
-METADATA = "recovered"
-"""Name of the metadata that a recovered log has beside those of the run."""
 
 # Where a message record has the id of its channel, two bytes.
 _CHANNEL_AT = sum(MESSAGE[name].itemsize for name in ("opcode", "length"))
@@ -58,9 +56,9 @@ class Recovered:
         """What was lost, a sentence each; empty where that is nothing."""
         if not self.cut_off:
             return self.damaged
-        end = "" if self.end_ns is None else f" at {self.end_ns / NS:.3f} s"
+        end = "before the first message" if self.end_ns is None else f"at {self.end_ns / NS:.3f} s"
         unwritten = "what the recorder had not yet written, at most half a second, is not there"
-        return [*self.damaged, f"the log was cut off: it ends{end}; {unwritten}"]
+        return [*self.damaged, f"the log was cut off: it ends {end}; {unwritten}"]
 
 
 def recover(source: Path, target: Path) -> Recovered:
@@ -79,15 +77,19 @@ def recover(source: Path, target: Path) -> Recovered:
     with written_aside(target) as path, path.open("xb") as stream:
         out = McapFile(stream, "platoon")
         for name, values in contents.metadata.items():
-            if name != "result":
+            if name not in ("result", METADATA):
                 out.add_metadata(name, values)
         for name, data in contents.attachments.items():
             out.add_attachment(name, media_type(name), data)
         _Copier(file, out, done).copy()
         if "result" in contents.metadata:
             out.add_metadata("result", contents.metadata["result"])
-        if done.lost:
-            out.add_metadata(METADATA, {"from": source.name, "lost": "\n".join(done.lost)})
+        before = Recovery.of(contents.metadata)
+        if done.lost or before:
+            # What was lost when the source was itself recovered is still not there.
+            lost = [*(before.lost if before else ()), *done.lost]
+            origin = before.source if before and not done.lost else source.name
+            out.add_metadata(METADATA, Recovery(origin, lost).values)
         out.finish()
     return done
 

@@ -40,8 +40,8 @@ class Span(NamedTuple):
         Raises:
             BadInput: one is no time, or the end is not after the start.
         """
-        start = -1 if start_s is None else max(0, to_ns(start_s, "start_s"))
-        end = FOREVER_NS if end_s is None else to_ns(end_s, "end_s")
+        start = -1 if start_s is None else max(0, to_ns(start_s, "--from / start_s"))
+        end = FOREVER_NS if end_s is None else to_ns(end_s, "--to / end_s")
         if end <= start:
             raise BadInput(f"from {max(0, start) / NS:g} s to {end / NS:g} s is no time; give an end after the start")
         return cls(start, end)

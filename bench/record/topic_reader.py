@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,6 +23,9 @@ from bench.record.topic_decoder import TopicDecoder
 _NAMED = 12
 """Topics that a message names at most."""
 
+_TOLD = 3
+"""Damaged chunks that `TopicReader.damage` names at most, so that it stays a line."""
+
 
 class LogDamaged(UserWarning):
     """A log is cut off or damaged; what could be read was."""
@@ -34,7 +38,6 @@ class TopicReader:
         path: the file.
         contents: what is in it beside messages.
         topics: topic -> channel, of everything that was recorded.
-        damage: what is wrong with the file, empty for a whole one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,10 +50,24 @@ class TopicReader:
         self._file = ScannedFile(path)
         self.contents = self._file.contents
         self.topics: dict[str, Channel] = {channel.topic: channel for channel in self.contents.channels.values()}
-        self.damage = ""
+        self._left_out: dict[int, str] = {}
         self._decoders: dict[str, TopicDecoder] = {}
         if self.contents.damage:
-            self._warn(self.contents.damage)
+            # Only one warning is given, so it must hold for what is met later, too.
+            self._warn(f"{self.contents.damage}; any chunk that is damaged is left out: platoon log recover lists all")
+
+    @property
+    def damage(self) -> str:
+        """What is wrong with the file, so far as it has been read; empty for a whole one."""
+        chunks = [f"a chunk {time} is damaged and left out" for time in self._left_out.values()]
+        more = f"{len(chunks) - _TOLD} more chunks are damaged and left out" if len(chunks) > _TOLD else ""
+        return "; ".join(filter(None, [self.contents.damage, *chunks[:_TOLD], more]))
+
+    def check_chunks(self) -> None:
+        """Read every chunk, so that `damage` tells of all that its checksum does not prove."""
+        for number in range(len(self.contents.chunks)):
+            if self._file.chunk(number) is None:
+                self._note_damage(number)
 
     def channel(self, topic: str) -> Channel:
         """Return the channel of a topic.
@@ -61,11 +78,20 @@ class TopicReader:
         try:
             return self.topics[topic]
         except KeyError:
-            near = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
-            known = near or sorted(self.topics)
+            known = self._near(topic) or sorted(self.topics)
             more = f" and {len(known) - _NAMED} more" if len(known) > _NAMED else ""
             have = f"{', '.join(known[:_NAMED])}{more}" if known else "nothing"
             raise BadInput(f"{self.path} has no topic {topic}; recorded are {have}") from None
+
+    def _near(self, topic: str) -> list[str]:
+        """Return the topics that stand where `topic` would, those that are most like it first."""
+        beside = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
+        like = difflib.SequenceMatcher(b=topic.lower())
+        ratios = {}
+        for name in beside:
+            like.set_seq1(name.lower())
+            ratios[name] = like.ratio()
+        return sorted(beside, key=lambda name: -ratios[name])
 
     def decoder(self, topic: str) -> TopicDecoder:
         """Return what decodes the messages of a topic.
@@ -148,11 +174,14 @@ class TopicReader:
         return Columns(f"{self.path}: topic {topic}", columns)
 
     def _note_damage(self, number: int) -> None:
-        self._warn(f"chunk {number} is damaged and left out")
+        if number in self._left_out:
+            return
+        is_first = not self.damage
+        start_ns, end_ns = self.contents.chunks.places[["start_ns", "end_ns"]][number].tolist()
+        self._left_out[number] = f"from {start_ns / NS:.3f} s to {end_ns / NS:.3f} s"
+        if is_first:
+            self._warn(f"{self.damage}; there may be more: platoon log recover lists all")
 
     def _warn(self, what: str) -> None:
-        """Warn once a log."""
-        if not self.damage:
-            self.damage = what
-            # Of whoever opens the log or reads from it.
-            warnings.warn(f"{self.path}: {what}", LogDamaged, stacklevel=4)
+        # Of whoever opens the log or reads from it.
+        warnings.warn(f"{self.path}: {what}", LogDamaged, stacklevel=4)

@@ -43,10 +43,18 @@ def test_names_are_bus_message_and_signal(run):
         (lambda run: run.message_frame("veh1.Vehiclemotion"), r"no message .*; near are veh1\.VehicleMotion"),
         (lambda run: run.unit("qqq"), r"no signal 'qqq'; it has \d+, among them v2v\.BenchSync"),
         (lambda run: run.frame([]), "no signal was asked for"),
-        (lambda run: run.frame("truth.veh1.X", every_s=0.0), "every_s 0.0: want a step"),
+        (lambda run: run.frame("truth.veh1.X", every_s=0.0), "every_s 0.0: want a step in s, at least 1e-9"),
         (lambda run: run.frame("truth.veh1.X", every_s=1e-9), "makes .* rows, more than"),
         (lambda run: run.frame("truth.veh1.X", start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
-        (lambda run: run.signal("truth.veh1.X", start_s=float("nan")), "start_s nan: want a time in s"),
+        (lambda run: run.signal("truth.veh1.X", start_s=float("nan")), "--from / start_s nan: want a time in s"),
+        (lambda run: run.signal(3), r"bus 3: want a name as text, for example 'veh1\.Veh"),
+        (lambda run: run.signal("veh1", None), "message None: want a name"),
+        (lambda run: run.message_frame(None), "message None: want a name"),
+        (lambda run: run.frame(None), "names None: want a name"),
+        (lambda run: run.frame([3]), "names 3: want a name"),
+        (lambda run: run.unit(3), "topic 3: want a name"),
+        (lambda run: run.names(None), "pattern None: want a name"),
+        (lambda run: run.event_frame(start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
     ],
 )
 def test_a_slip_is_told_with_what_is_near(run, ask, answer):
@@ -136,6 +144,8 @@ def test_a_slice_is_what_is_of_these_times(run, recorded, start_s, end_s):
         rows = [(time_ns / 1e9, row[0]) for time_ns, row in recorded.truth[1] if start_ns <= time_ns < end_ns]
         assert list(zip(truth["t"].tolist(), truth["X"].tolist(), strict=True)) == rows
         assert reader.signal("truth.veh1.X", **span)[1].tolist() == [x for _, x in rows]
+        events = [text for time_ns, _, _, text in recorded.events if start_ns <= time_ns < end_ns]
+        assert reader.event_frame(**span)["text"].to_list() == events
 
 
 def damaged_but(recorded, path, keep):
@@ -161,7 +171,7 @@ def test_only_the_chunks_with_a_signal_are_read(recorded, run, tmp_path):
         log = damaged_but(recorded, tmp_path / "a.mcap", lambda _, topics: "/signals/veh1/VehicleMotion" in topics)
         found = log.signal("veh1.VehicleMotion.YawRate")
     assert np.array_equal(found[1], run.signal("veh1.VehicleMotion.YawRate")[1])
-    with pytest.warns(LogDamaged, match=r"chunk \d+ is damaged"):
+    with pytest.warns(LogDamaged, match=r"chunk from \d\.\d\d\d s to \d\.\d\d\d s is damaged"):
         assert not len(log.signal("veh2.VehicleMotion.YawRate")[0])
 
 

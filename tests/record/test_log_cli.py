@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import polars as pl
 import pytest
+from mcap.reader import make_reader
 
 from bench.cli import main
 from bench.log_cli import ExportName, FormatName
@@ -61,6 +62,8 @@ def test_info_tells_what_a_log_is(platoon, log, recorded):
         assert f"bus {bus}" in shown.stdout
         assert f"  {count} frames, {(count - 1) / 0.39:.6g} a second" in shown.stdout
     found = json.loads(platoon("log", "info", log.name, "--json").stdout)
+    # Of the log's time, not of that from the first to the last event.
+    assert {"name": "/events", "messages": 4, "per_s": round(3 / 0.39, 3)} in found["topics"]
     assert (found["start_s"], found["end_s"], found["damage"]) == (0.0, 0.39, "")
     assert found["signals"] == len(Run(log).names())
     assert sum(bus["messages"] for bus in found["buses"]) == len(recorded.frames)
@@ -74,6 +77,68 @@ def test_a_log_that_was_cut_off_is_shown_as_far_as_it_goes_after_one_warning(pla
         assert (shown.returncode, len(caught)) == (0, 1)
         if arguments[0] == "info":
             assert "ends before its summary" in json.loads(shown.stdout)["damage"]
+
+
+def destroy(log, *chunks):
+    """Destroy these chunks of a log; return their times, as they are told."""
+    data = bytearray(log.read_bytes())
+    with log.open("rb") as stream:
+        indexes = [make_reader(stream).get_summary().chunk_indexes[number] for number in chunks]
+    for index in indexes:
+        data[index.chunk_start_offset + index.chunk_length // 2] ^= 1
+    log.write_bytes(data)
+    return [f"from {index.message_start_time / 1e9:.3f} s to {index.message_end_time / 1e9:.3f} s" for index in indexes]
+
+
+def test_of_a_chunk_that_is_damaged_the_warning_says_the_time_and_info_knows_all(platoon, log):
+    times = destroy(log, 0, -1)
+    warned = f"a chunk {times[0]} is damaged and left out; there may be more: platoon log recover lists all"
+    for arguments in (["info", "--json"], ["export", "--format", "candump"]):
+        with pytest.warns(LogDamaged) as caught:
+            shown = platoon("log", arguments[0], log.name, *arguments[1:])
+        assert [str(warning.message) for warning in caught] == [f"run.mcap: {warned}"]
+        if arguments[0] == "info":
+            told = "; ".join(f"a chunk {time} is damaged and left out" for time in times)
+            assert json.loads(shown.stdout)["damage"] == told
+
+
+def test_what_is_damaged_beside_what_was_seen_first_is_told_too(platoon, log):
+    (time,) = destroy(log, 0)
+    data = log.read_bytes().replace(b"lane_y_m = 7.0", b"lane_y_m = 9.0")
+    log.write_bytes(data[:-50])
+    with pytest.warns(LogDamaged, match=r"any chunk that is damaged is left out: platoon log recover lists") as caught:
+        shown = platoon("log", "info", log.name, "--json")
+    assert len(caught) == 1
+    assert json.loads(shown.stdout)["damage"] == (
+        "it ends before its summary; whole chunks are read up to there; "
+        "an attachment cannot be read (the attachment scenario.toml is damaged); "
+        f"a chunk {time} is damaged and left out"
+    )
+
+
+def test_damage_is_told_in_a_line_however_much_there_is(log):
+    destroy(log, *range(5))
+    run = Run(log)
+    with pytest.warns(LogDamaged) as caught:
+        run.log.check_chunks()
+    assert len(caught) == 1
+    # What is met once more is not told once more.
+    run.log.check_chunks()
+    assert run.damage.endswith("; 2 more chunks are damaged and left out")
+    assert run.damage.count(";") == 3
+
+
+def test_info_of_a_recovered_log_says_so(platoon, log):
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    with pytest.warns(LogDamaged, match="ends before its summary"):
+        assert "unfinished (cut off or still written)\n" in platoon("log", "info", log.name).stdout
+    assert platoon("log", "recover", log.name).returncode == 3
+    shown = platoon("log", "info", "run-recovered.mcap")
+    rows = [line.split(maxsplit=1) for line in shown.stdout.splitlines()]
+    assert ["status", "unfinished (cut off)"] in rows
+    assert ["damage", "none found"] in rows
+    assert ["recovered", "from run.mcap"] in rows
+    assert any(row[0] == "lost" and "the log was cut off: it ends at" in row[1] for row in rows)
 
 
 def test_signals_are_listed_with_units_counts_and_ranges(platoon, log):
@@ -174,6 +239,9 @@ def test_a_foreign_file_is_named_with_options(platoon, tmp_path):
     done = platoon("log", "import", *arguments)
     assert done.returncode == 0, done.stderr
     assert done.stdout == "a.mcap: 1 frames on bench\n"
+    shown = platoon("log", "signals", "a.mcap")
+    assert shown.returncode == 2
+    assert "a.mcap has no signal '*': it holds raw frames only; platoon log import" in shown.stderr
     assert done.stderr.splitlines() == [
         "platoon: left out: 1 CAN FD frames",
         "platoon: bench: no DBC, so frames only; give --dbc bench=FILE",
@@ -188,7 +256,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(platoon, tmp_path):
         (["export", "run.mcap"], "--format"),
         (["export", "none.mcap", "--format", "asc"], "not there"),
         (["export", "good.log", "--format", "asc"], "good.log"),
-        (["export", "run.mcap", "-o", "run.txt"], "--format"),
+        (["export", "run.mcap", "-o", "run.txt"], ".mf4 (mf4), .csv (csv), .parquet (parquet), or give --format"),
         (["export", "run.mcap", "--format", "blf", "-o", "run.asc"], ".blf"),
         (["export", "run.mcap", "-o", "good.log"], "is there already"),
         (["export", "run.mcap", "-o", "none/a.log"], "mkdir"),
@@ -197,6 +265,11 @@ def test_what_cannot_be_done_is_refused_in_one_line(platoon, tmp_path):
         (["export", "run.mcap", "-o", "a.csv", "--bus", "veh1"], "--bus is for frames"),
         (["export", "run.mcap", "-o", "a.csv", "--signal", "truth.veh1.x"], "near are truth.veh1.X"),
         (["export", "run.mcap", "-o", "a.csv", "--every", "-1"], "want a step"),
+        (
+            ["export", "run.mcap", "-o", "a.csv", "--every", "1e-12"],
+            "--every / every_s 1e-12: want a step in s, at least",
+        ),
+        (["export", "run.mcap", "-o", "a.csv", "--to", "nan"], "--to / end_s nan: want a time in s"),
         (["export", "run.mcap", "-o", "a.csv", "--from", "2"], "nothing of these signals in that time"),
         (["export", "run.mcap", "-o", "a.csv", "--from", "0.2", "--to", "0.1"], "is no time"),
         (["export", "run.mcap", "--format", "csv", "-o", "a.parquet"], ".csv"),

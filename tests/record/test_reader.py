@@ -80,6 +80,10 @@ def test_what_describes_the_run(recorded):
     [
         (lambda run: run.signal("veh1", "VehicleMotion", "Speed"), "VehicleMotion has no 'Speed'; it has CRC, AliveC"),
         (lambda run: run.signal("veh1", "VehicleSpeed", "x"), "no topic /signals/veh1/VehicleSpeed; recorded are /sig"),
+        (
+            lambda run: run.message("veh1", "TrackerTimin"),
+            r"TrackerTimin; recorded are /signals/veh1/TrackerTiming, /s",
+        ),
         (lambda run: run.truth(3), "no topic /truth/veh3; recorded are /truth/veh1, /truth/veh2"),
         (lambda run: run.can_id("veh9", "X"), r"no topic /signals/veh9/X; recorded are /can/v2v, .* and \d\d more$"),
         (lambda run: run.frame_table("veh9"), "no topic /can/veh9"),
@@ -91,12 +95,18 @@ def test_what_is_not_there_is_named(recorded, ask, answer):
         ask(Run(recorded.path))
 
 
-@pytest.mark.parametrize("content", [b"", b"hello", MAGIC[:5], b"\0" * 100])
+@pytest.mark.parametrize("content", [b"hello", MAGIC[:5], b"\0" * 100])
 def test_what_is_no_log_is_refused(tmp_path, content):
     path = tmp_path / "x.mcap"
     path.write_bytes(content)
     with pytest.raises(BadInput, match="is not an MCAP file"):
         Run(path)
+
+
+def test_an_empty_file_is_refused_as_such(tmp_path):
+    (tmp_path / "x.mcap").touch()
+    with pytest.raises(BadInput, match=r"x\.mcap is empty"):
+        Run(tmp_path / "x.mcap")
 
 
 @pytest.mark.parametrize("name", ["none.mcap", "."])

@@ -17,7 +17,9 @@ from bench.errors import BadInput
 from bench.record import LogDamaged, Run
 from bench.record.container import MAGIC
 from bench.record.file_scan import ScannedFile
-from bench.record.recover import METADATA, recover
+from bench.record.overview import overview
+from bench.record.recover import recover
+from bench.record.recovered import METADATA, Recovery
 
 ROOT = Path(__file__).parents[2]
 
@@ -80,6 +82,12 @@ def test_of_a_log_that_was_cut_off_all_whole_chunks_are_there(recorded, tmp_path
     assert frames == wanted
     assert "cut off" in run.log.contents.metadata[METADATA]["lost"]
     assert run.result == {}
+    shown = overview(run)
+    assert shown.status == "unfinished (cut off)"
+    assert shown.recovered == Recovery("broken.mcap", [line[6:] for line in result.output.splitlines()[1:]])
+    # A copy of it is no more complete.
+    assert command(run.path, "-o", tmp_path / "copy.mcap").exit_code == 0
+    assert overview(Run(tmp_path / "copy.mcap")).recovered == shown.recovered
 
 
 def test_a_damaged_chunk_is_named_and_all_others_are_kept(recorded, tmp_path):
@@ -136,19 +144,40 @@ def test_a_chunk_that_only_looks_like_one_is_not_taken(recorded, tmp_path):
     assert any(f"{len(without_crc) + 60} bytes at its end" in what for what in done.lost)
 
 
+def test_a_log_that_was_cut_off_before_its_first_message_says_so(recorded, tmp_path):
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(recorded.path.read_bytes()[: chunks_of(recorded.path)[0].chunk_start_offset + 100])
+    assert (
+        recover(broken, tmp_path / "clean.mcap")
+        .lost[-1]
+        .startswith("the log was cut off: it ends before the first message; what the recorder had not yet")
+    )
+
+
+def test_a_record_that_ends_before_its_end_is_named_by_its_kind(recorded, tmp_path):
+    whole = recorded.path.read_bytes()
+    at = whole.index(MAGIC) + len(MAGIC)
+    header = at, at + 9 + int.from_bytes(whole[at + 1 : at + 9], "little")
+    # A channel record with room for no more than its id.
+    channel = b"\x04" + (2).to_bytes(8, "little") + bytes(2)
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(whole[: header[1]] + channel + whole[header[1] : -50])
+    assert "a channel cannot be read (EndOfFile)" in recover(broken, tmp_path / "clean.mcap").lost
+
+
 def test_a_damaged_attachment_is_left_out_and_named(recorded, tmp_path):
     damaged = recorded.path.read_bytes().replace(b"lane_y_m = 7.0", b"lane_y_m = 9.0")
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(damaged)
     done = recover(broken, tmp_path / "clean.mcap")
-    assert done.lost == ["a record cannot be read (the attachment scenario.toml is damaged)"]
+    assert done.lost == ["an attachment cannot be read (the attachment scenario.toml is damaged)"]
     run, frames = read(tmp_path / "clean.mcap")
     assert list(run.attachments) == ["vehicle.dbc"]
     assert frames == list(Run(recorded.path).frames())
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(MAGIC, "has nothing that is whole"), (b"hello", "is not an MCAP file"), (b"", "is not an")]
+    ("content", "words"), [(MAGIC, "has nothing that is whole"), (b"hello", "is not an MCAP file"), (b"", "is empty")]
 )
 def test_what_has_nothing_whole_is_refused_and_nothing_written(tmp_path, content, words):
     broken = tmp_path / "broken.mcap"

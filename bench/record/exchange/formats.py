@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from pathlib import Path
 
@@ -46,8 +46,12 @@ class Format(StrEnum):
         return ".log" if self is Format.CANDUMP else f".{self.value}"
 
     @classmethod
-    def of(cls, path: Path) -> Format:
+    def of(cls, path: Path, others: Sequence[str] = ()) -> Format:
         """Return the format that a file's name tells.
+
+        Args:
+            path: the file.
+            others: what else its name may end in, without the dot: for the message.
 
         Raises:
             BadInput: it tells none.
@@ -55,7 +59,9 @@ class Format(StrEnum):
         for each in cls:
             if path.suffix.lower() == each.suffix:
                 return each
-        known = ", ".join(f"{each.suffix} ({each.value})" for each in cls)
+        known = ", ".join(
+            [*(f"{each.suffix} ({each.value})" for each in cls), *(f".{each} ({each})" for each in others)]
+        )
         raise BadInput(f"{path}: its name does not tell its format; it may end in {known}, or give --format")
 
     def check_available(self) -> None:
