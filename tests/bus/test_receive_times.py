@@ -3,6 +3,7 @@
 import time
 
 from bench.bus.address import Address, settle
+from bench.bus.base import Link
 from bench.bus.direct import DirectLink, Hub
 from bench.bus.link import open_link
 
@@ -15,6 +16,7 @@ def test_frames_over_udp_have_the_time_the_kernel_got_them() -> None:
     ):
         assert there.times is None
         there.keep_times()
+        assert any(_is_stamped_at_once(here, there) for _ in range(100))
         before = time.time_ns()
         here.send(1, b"a")
         here.send(2, b"b")
@@ -28,6 +30,16 @@ def test_frames_over_udp_have_the_time_the_kernel_got_them() -> None:
         assert before <= first <= second <= sent
         assert there.receive() == []
         assert there.times == []
+
+
+def _is_stamped_at_once(here: Link, there: Link) -> bool:
+    """Whether the kernel notes times already: it begins a moment after it was asked to, until then with the reading."""
+    here.send(1, b"")
+    sent = time.time_ns()
+    time.sleep(0.01)
+    assert there.receive()
+    assert there.times is not None
+    return there.times[0] <= sent
 
 
 def test_a_link_without_a_kernel_does_not_tell() -> None:
