@@ -252,15 +252,16 @@ def diff(
         from bench.record.reader import Run
 
         check_report(plot)
-        for log in logs:
-            check_drawable(Run(log))
+        runs = [Run(log) for log in logs]
+        for run in runs:
+            check_drawable(run)
     difference = compare(*logs)
     typer.echo(str(difference))
     if plot is not None:
         from bench.analysis.differences import MAX_SIGNALS
         from bench.analysis.report import write
 
-        write(Run(a), plot, Run(b), difference.signals)
+        write(runs[0], plot, runs[1], difference.signals)
         some = f", of the first {MAX_SIGNALS} signals" if len(difference.signals) > MAX_SIGNALS else ""
         typer.echo(f"plot:   {plot}{some}")
     raise typer.Exit(0 if difference.same else 1)

@@ -20,8 +20,6 @@ MAX_SIGNALS = 24
 
 GROUP = "What differs"
 
-_ALL = "and platoon diff lists all"
-
 
 def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[list[dict[str, Any]], Pool]:
     """Return two figures for each signal, both runs' curves and B less A, and their values.
@@ -38,7 +36,8 @@ def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[lis
         most = f"by at most {signal.largest:.6g} {signal.unit}".rstrip()
         caption = f"From {signal.first_s:.3f} s on; {signal.count} values differ, {most}."
         if signal is signals[0] and len(signals) > MAX_SIGNALS:
-            caption += f" {len(signals)} signals differ; the {MAX_SIGNALS} that begin first are drawn, {_ALL}."
+            caption += f" {len(signals)} signals differ; the {MAX_SIGNALS} that begin first are drawn, "
+            caption += "and platoon diff lists all."
         figures.append(_figure(signal, "", curves, caption))
         _, rows_a, rows_b = np.intersect1d(np.rint(1e9 * of_a[0]), np.rint(1e9 * of_b[0]), return_indices=True)
         difference = of_b[1][rows_b] - of_a[1][rows_a]

@@ -15,6 +15,9 @@ _PR_SET_NAME = 15
 _TIMER_ABSTIME = 1
 _LIBC = ctypes.CDLL(None)
 
+SLEEP_NS = 20_000
+"""What is due sooner is waited for awake: going to sleep and waking up takes as long."""
+
 
 class _Timespec(ctypes.Structure):
     _fields_ = (("tv_sec", ctypes.c_long), ("tv_nsec", ctypes.c_long))
@@ -121,10 +124,14 @@ def stolen_s() -> float:
 
 
 def wait_until(time_ns: int) -> None:
-    """Sleep until the time.monotonic_ns() clock shows `time_ns`; at once where it is past that.
+    """Sleep until the time.monotonic_ns() clock shows `time_ns`; awake if it is near, at once where it is past that."""
+    while (left := time_ns - time.monotonic_ns()) > 0:
+        if left > SLEEP_NS:
+            _sleep_until(time_ns)
 
-    With an absolute time, being interrupted between reading the clock and going to sleep makes no difference.
-    """
+
+def _sleep_until(time_ns: int) -> None:
+    # With an absolute time, being interrupted between reading the clock and going to sleep makes no difference.
     if sys.platform != "linux":
         time.sleep(max(0, time_ns - time.monotonic_ns()) / 1e9)
         return

@@ -124,7 +124,7 @@ def diff(a: Path | str, b: Path | str) -> Difference:
         if meant is None:
             notes.append(f"{bus}: neither log tells what its frames mean, so no signals are compared")
             continue
-        names = [[name for name in meaning.names if meaning.can_ids[name] not in left_out] for meaning in meant]
+        names = [[name for name, can_id in meaning.can_ids.items() if can_id not in left_out] for meaning in meant]
         notes += _only_one(f"message on {bus}", *names)
         for message in (name for name in names[0] if name in names[1]):
             end_s = min(ends) if ends[0] != ends[1] else math.inf

@@ -47,8 +47,7 @@ class Meaning:
     """What the frames on one bus of a log mean.
 
     Attributes:
-        names: its messages, in the order of their identifiers.
-        can_ids: their identifiers by name.
+        can_ids: identifiers of its messages by name, in their order.
         wall_clock_ids: identifiers of the messages that carry wall-clock figures.
     """
 
@@ -59,10 +58,10 @@ class Meaning:
         if codec is None:
             self.can_ids = {name: run.can_id(bus, name) for name in run.messages(bus)}
         else:
-            seen = set(run.frame_table(bus)["can_id"].tolist())
+            self._frames = run.frame_table(bus)
+            seen = set(self._frames["can_id"].tolist())
             self.can_ids = {name: codec.can_id(name) for name in codec.names if codec.can_id(name) in seen}
             self.wall_clock_ids |= {can_id for can_id in self.can_ids.values() if codec.is_wall_clock(can_id)}
-        self.names = sorted(self.can_ids, key=lambda name: self.can_ids[name])
 
     def message(self, name: str) -> Message:
         """Return all frames of a message that have its length.
@@ -80,7 +79,7 @@ class Meaning:
 
     def _decoded(self, name: str, codec: Codec) -> Message:
         described = signal_message(self._bus, codec.message(name), wall_clock=False)
-        frames = self._run.frame_table(self._bus)
+        frames = self._frames
         frames = frames[(frames["can_id"] == described.can_id) & (frames["length"] == described.length)]
         _, _, values = SignalTable([described]).decode(frames["data"], np.zeros(len(frames), np.int64))
         fields = described.layout.fields

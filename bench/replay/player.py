@@ -26,9 +26,6 @@ START_NS = 50_000_000
 PATIENCE_S = 1.0
 """How long a full send queue is waited for, once until it takes frames again."""
 
-SLEEP_NS = 20_000
-"""What is due sooner is waited for awake: going to sleep and waking up takes as long."""
-
 _PRIORITY = 80
 _EMPTY_NS = 500_000_000
 
@@ -93,7 +90,7 @@ def _play(frames: Iterable[Timed], outlets: Mapping[str, _Outlet], speed: float 
         deadline = start
         if speed is not None:
             deadline += int((frame.due_ns - first.due_ns) / speed)
-            _wait_until(deadline)
+            wait_until(deadline)
         reason = outlets[frame.bus].send(frame.can_id, frame.data)
         now = time.monotonic_ns()
         if reason:
@@ -108,12 +105,6 @@ def _play(frames: Iterable[Timed], outlets: Mapping[str, _Outlet], speed: float 
             emptied = now
             for outlet in outlets.values():
                 outlet.throw_away()
-
-
-def _wait_until(deadline: int) -> None:
-    while (left := deadline - time.monotonic_ns()) > 0:
-        if left > SLEEP_NS:
-            wait_until(deadline)
 
 
 class _Outlet:

@@ -108,9 +108,9 @@ def _own_times(plan: Plan, outcomes: Sequence[Outcome]) -> set[tuple[str, int]]:
 def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
     """What each ECU takes, which its frames wait for on the wire."""
     found: dict[str, Sequence[Topic]] = {}
-    for name, spec in plan.specs.items():
-        vehicle = int(name.partition(".")[0].removeprefix("veh"))
-        found[name] = tuple(load_class(spec)(vehicle, plan.run.scenario).inputs)
+    for seat in plan.seats:
+        ecu = load_class(plan.specs[seat.name])(seat.vehicle, plan.run.scenario)
+        found[seat.name] = tuple(ecu.inputs)
     return found
 
 

@@ -103,7 +103,7 @@ def _decoded(codec: Codec, can_id: int, data: bytes | None) -> dict[str, float]:
 
 
 def _signal(codec: Codec, message: str, signal: str, value: float) -> str:
-    known = next(each for each in codec.message(message).signals if each.name == signal)
+    known = codec.message(message).get_signal_by_name(signal)
     labels = {int(number): str(text) for number, text in (known.choices or {}).items()}
     return value_text(signal, value, known.unit or "", labels)
 

@@ -3,8 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from cantools.database.can.signal import Signal
-
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
 from bench.errors import BadInput
@@ -45,7 +43,7 @@ class Tolerance:
         given = self.signals.get((message, signal))
         if given is not None:
             return abs(a - b) <= given
-        known = _described(codec, message, signal)
+        known = codec.message(message).get_signal_by_name(signal)
         step = _FLOAT_STEP * max(abs(a), abs(b)) if known.is_float else abs(float(known.scale))
         # Half a step more would be the next whole number of them.
         return abs(a - b) <= (self.steps + 1e-6) * step
@@ -79,11 +77,7 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
 
 def _must_be_equal(codec: Codec, message: str, signal: str) -> bool:
     """Whether near is not near enough: of a state, and of what E2E protection counts and checks."""
-    return bool(_described(codec, message, signal).choices) or signal in (COUNTER_SIGNAL, CRC_SIGNAL)
-
-
-def _described(codec: Codec, message: str, signal: str) -> Signal:
-    return next(each for each in codec.message(message).signals if each.name == signal)
+    return bool(codec.message(message).get_signal_by_name(signal).choices) or signal in (COUNTER_SIGNAL, CRC_SIGNAL)
 
 
 def _signal(text: str, place: str, messages: Mapping[str, Codec]) -> tuple[str, str]:
