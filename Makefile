@@ -1,15 +1,21 @@
-# make run: all the set-up, then the paper's formation. make test, make lint, make bench, make references, make clean.
-PYTHON   ?= python3
-SCENARIO ?= formation
-ARGS     ?=
+# make run: all the set-up, then the paper's formation. make check, make test, make lint, make bench, make references,
+# make clean. PYTEST_ARGS goes to pytest: make test PYTEST_ARGS='-x -k outbox'.
+PYTHON      ?= python3
+SCENARIO    ?= formation
+ARGS        ?=
+PYTEST_ARGS ?=
+# As many as there are cores, hyper-threads included.
+WORKERS     ?= logical
 
 VENV      := .venv
 BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+LINTERS   := $(VENV)/.installed-lint
 DEVELOP   := $(VENV)/.installed-dev
 WARM      := build/.warm
 INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
+PYTEST    := $(BIN)/pytest -n $(WORKERS)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/test_link.py tests/ecu/test_c_tracker.py
 
 .PHONY: setup run test lint bench references clean
@@ -22,13 +28,13 @@ run: setup
 
 # What uses CAN links of the kernel runs a second time, where there are some: in a kernel of its own, if need be.
 test: setup $(DEVELOP)
-	$(BIN)/pytest -n 2
+	$(PYTEST) $(PYTEST_ARGS)
 	@if $(BIN)/platoon vcan -- true; then \
 		echo "$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN)"; $(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN); \
 	elif [ -n "$$CI" ]; then echo "make test: the tests on vcan must run in CI" >&2; exit 1; \
 	else echo "make test: NOT TESTED ON VCAN, see the message above" >&2; fi
 
-lint: $(DEVELOP)
+lint: $(LINTERS)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
@@ -54,11 +60,15 @@ $(INSTALLED): pyproject.toml constraints.txt
 		echo "$(PYTHON) cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt setuptools
-	$(INSTALL) .
+	$(INSTALL) '.[live,mf4,pandas]'
 	@touch $@
 
-# What only tests, lint and benchmarks need; zig's compilers for all platforms are most of it.
-$(DEVELOP): $(INSTALLED)
+$(LINTERS): $(INSTALLED)
+	$(INSTALL) '.[lint]'
+	@touch $@
+
+# What only tests and benchmarks need; zig's compilers for all platforms are most of it.
+$(DEVELOP): $(LINTERS)
 	$(INSTALL) '.[dev]'
 	@touch $@
 
