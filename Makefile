@@ -18,7 +18,7 @@ FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run test lint bench references clean
+.PHONY: setup run test lint dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -40,6 +40,12 @@ lint: $(LINTERS)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The sdist, and the wheel made from it.
+dist: $(INSTALLED)
+	rm -rf build/dist
+	$(BIN)/python -m hatchling build -t sdist -d build/dist
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/dist build/dist/platoon-*.tar.gz
+
 bench: setup $(DEVELOP)
 	$(BIN)/python -m bench.benchmarks
 
@@ -59,7 +65,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
 		echo "$(PYTHON) cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt setuptools
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt editables hatchling
 	$(INSTALL) '.[live,mf4,pandas]'
 	@touch $@
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import BadInput, BenchError
-from bench.fmu_cli import fmu_app
+from bench.fmu_cli import fmu_app, say_first_use, vehicle_fmu
 from bench.log_cli import log_app
 from bench.output_paths import check_directory, check_report, check_suffix, readable_log
 from bench.replay_cli import add_replay
@@ -122,6 +122,7 @@ def run(
     address = Address.parse(*(can or loaded.bus_texts))
     ecus = _ecu_classes(ecu or [])
     log = _log_path(out, loaded.name, with_report=not no_report)
+    fmu = _prepared_fmu()
 
     with ExitStack() as stack:
         session = stack.enter_context(_live(log, live_address)) if live or live_address else None
@@ -147,6 +148,7 @@ def run(
             without=without or (),
             without_wait_s=wait,
             on_waiting=_warn,
+            fmu=fmu,
             realtime=clock == "realtime",
         )
 
@@ -405,6 +407,22 @@ def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession
     from bench.live.session import live
 
     return live(log, LiveAddress.parse(address or DEFAULT), _warn)
+
+
+def _prepared_fmu() -> Path:
+    """Return the vehicle's FMU, with all compiled that a run needs: of an installed package, it is done here, once.
+
+    Raises:
+        BadInput: there is no FMU, and none can be built.
+    """
+    from platoon_fmu.build import in_checkout
+
+    fmu = vehicle_fmu()
+    if not in_checkout():
+        from bench.warm_up import warm_up_once
+
+        warm_up_once(fmu.parent, say_first_use)
+    return fmu
 
 
 def _warn(text: str) -> None:

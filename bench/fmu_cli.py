@@ -33,7 +33,10 @@ class Fmi(StrEnum):
 
 @fmu_app.command()
 def build(
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The directory; build/ if not given.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="The directory; build/ if not given (not in a checkout: your cache)."),
+    ] = None,
     fmi: Annotated[Fmi, typer.Option(help="Version: 2 gives Vehicle.fmu, 3 gives Vehicle_FMI3.fmu.")] = Fmi.ALL,
     platform: Annotated[
         list[str] | None,
@@ -80,14 +83,14 @@ def _showing_steps() -> Iterator[Callable[["Step"], None]]:
 
 @fmu_app.command(epilog="Exit codes: 0 no problems, 1 problems found, 2 bad file.")
 def validate(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
 ) -> None:
     """Check any FMU against the standard, and try what it claims to do."""
     from bench.fmu_table import show_check
     from platoon_fmu.checks.findings import Outcome
     from platoon_fmu.checks.validate import validate as checks_of
 
-    path = _fmu_path(fmu)
+    path = fmu or vehicle_fmu()
     outcomes = []
     try:
         for check in checks_of(path):
@@ -104,13 +107,13 @@ def validate(
 
 @fmu_app.command(epilog="Exit codes: 0 done, 2 bad file.")
 def info(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Show what any FMU is, what it can do, and its variables."""
     from platoon_fmu.info import info as info_of
 
-    path = _fmu_path(fmu)
+    path = fmu or vehicle_fmu()
     try:
         found = info_of(path)
     except FmuError as error:
@@ -125,13 +128,13 @@ def info(
 
 @fmu_app.command(epilog="Exit codes: 0 all figures met, 1 some missed, 2 bad input.")
 def report(
-    fmu: Annotated[Path | None, typer.Argument(help="The FMU; build/Vehicle.fmu if not given.")] = None,
+    fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
 ) -> None:
     """Validate an FMU's physics: drive standard manoeuvres, write one HTML file of what came of them."""
     from bench.output_paths import check_report, write_report
 
-    path = _fmu_path(fmu)
+    path = fmu or vehicle_fmu()
     target = out or path.with_suffix(".html")
     check_report(target)
     from platoon_fmu.physics.report import report as report_of
@@ -148,12 +151,20 @@ def report(
         raise typer.Exit(1)
 
 
-def _fmu_path(given: Path | None) -> Path:
-    if given is not None:
-        return given
+def vehicle_fmu() -> Path:
+    """Return the FMU that the bench drives; where an installed package builds it now, on first use, say so.
+
+    Raises:
+        BadInput: there is none, and it cannot be built.
+    """
     from platoon_fmu.build import default_fmu
 
     try:
-        return default_fmu()
+        return default_fmu(lambda step: say_first_use(step.text))
     except FmuError as error:
         raise BadInput(str(error)) from error
+
+
+def say_first_use(text: str) -> None:
+    """Say what an installed package does only once."""
+    typer.echo(f"platoon: first use: {text} ...", err=True)

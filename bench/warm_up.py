@@ -1,18 +1,29 @@
 """Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycles.
 
-`make setup` calls it. What is compiled is found by running it: two tenths of a second of the paper's formation.
+`make setup` calls it; an installed package, which nobody has set up, does so before its first run. What is compiled is
+found by running it: two tenths of a second of the paper's formation.
 """
 
+import hashlib
+import json
+import platform
+import subprocess
+import sys
 import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
-from bench.bus.address import Address
-from bench.conductor.run import run
-from bench.scenario import load
+_CONTROL = Path(__file__).with_name("control")
 
 
 def main() -> None:
     """Run the first cycles of a formation in this process and throw the log away."""
+    from bench.bus.address import Address
+    from bench.conductor.run import run
+    from bench.scenario import load
+
     with tempfile.TemporaryDirectory(prefix="platoon-") as folder:
         run(
             load("formation", ["duration_s=0.2"]),
@@ -20,6 +31,32 @@ def main() -> None:
             out=Path(folder) / "warm-up.mcap",
             command_line=["bench.warm_up"],
         )
+
+
+def warm_up_once(folder: Path, say: Callable[[str], None]) -> None:
+    """Compile the hot loops in a process of their own, unless a mark in `folder` tells that it has been done.
+
+    Where that fails, or the mark cannot be left, nothing is lost: the run that follows compiles, or fails and says why.
+
+    Args:
+        folder: where the mark is.
+        say: told what takes so long.
+    """
+    mark = folder / f"compiled-{_key()}"
+    if mark.exists():
+        return
+    say("compiling the controllers (about half a minute)")
+    done = subprocess.run([sys.executable, "-P", "-m", "bench.warm_up"], capture_output=True, check=False)
+    if done.returncode == 0:
+        with suppress(OSError):
+            mark.touch()
+
+
+def _key() -> str:
+    """A hash of what numba keeps compiled code by: its version, the processor, each file's place, size and time."""
+    files = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in sorted(_CONTROL.glob("*.py"))]
+    facts = (metadata.version("numba"), sys.version, platform.machine(), platform.node(), files)
+    return hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16]
 
 
 if __name__ == "__main__":

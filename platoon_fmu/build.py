@@ -19,6 +19,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import platformdirs
+
 from platoon_fmu.compilers import NATIVE, Compiler, compilers
 from platoon_fmu.errors import FmuError
 from platoon_fmu.universal import universal_binary
@@ -71,21 +73,26 @@ def _hand_written(version: Version) -> list[Path]:
     return [path for path in sorted(_PACKAGE.glob("fmi/*.[ch]")) if path.name not in others]
 
 
-def _fingerprint(version: Version, chosen: Sequence[Compiler]) -> str:
-    """A hash of all that the FMU's bytes depend on: this package, the standard's headers, the tools."""
+def _source_hash(version: Version) -> str:
+    """A hash of the files that the FMU's bytes depend on: this package's and the standard's headers."""
     digest = hashlib.sha256()
     own = [_PACKAGE / name for name in (*(f"{module}.py" for module in _MODULES), *_DATA)]
     for path in (*own, *_hand_written(version), *_standard_headers(version)):
         digest.update(f"{path.name}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _fingerprint(version: Version, chosen: Sequence[Compiler]) -> str:
+    """A hash of all that the FMU's bytes depend on: files and tools."""
     tools = {
+        "sources": _source_hash(version),
         "casadi": importlib.metadata.version("casadi"),
         "compilers": [(c.platform.name, c.command, c.linking, c.identity) for c in chosen],
         "python": sys.version_info[:2],
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
     }
-    digest.update(json.dumps(tools, sort_keys=True).encode())
-    return digest.hexdigest()
+    return hashlib.sha256(json.dumps(tools, sort_keys=True).encode()).hexdigest()
 
 
 def _sha256(path: Path) -> str:
@@ -191,19 +198,41 @@ def build(
     return fmu
 
 
+def in_checkout() -> bool:
+    """Whether this package runs from a checkout of the project, which `make setup` sets up, and is not installed."""
+    return (_PROJECT / "pyproject.toml").is_file()
+
+
 def default_directory() -> Path:
-    """Where `make setup` builds: build/ of the project; for an installed package, of the working directory."""
-    root = _PROJECT if (_PROJECT / "pyproject.toml").is_file() else Path.cwd()
-    return root / "build"
+    """Where the FMU is that the bench drives: build/ of a checkout; of an installed package, the user's cache.
+
+    In the cache each version of this package, and each state of its sources, has a folder of its own.
+    """
+    if in_checkout():
+        return _PROJECT / "build"
+    release = importlib.metadata.version("platoon")
+    return platformdirs.user_cache_path("platoon", appauthor=False) / f"{release}-{_source_hash(FMI2)[:16]}"
 
 
-def default_fmu() -> Path:
-    """The FMU in `default_directory` that the bench drives, of FMI 2.
+def default_fmu(on_step: Callable[[Step], None] = lambda _: None) -> Path:
+    """The FMU in `default_directory` that the bench drives, of FMI 2; an installed package builds it on first use.
+
+    Args:
+        on_step: as for `build`, called where it is built now.
 
     Raises:
-        FmuError: it has not been built.
+        FmuError: in a checkout it has not been built; elsewhere it cannot be built, or cannot be put into the cache.
     """
-    fmu = default_directory() / FMI2.file
-    if not fmu.is_file():
+    directory = default_directory()
+    fmu = directory / FMI2.file
+    if fmu.is_file():
+        return fmu
+    if in_checkout():
         raise FmuError(f"there is no {fmu}: build it with `platoon fmu build` (`make setup` does)")
-    return fmu
+    try:
+        return build(directory, on_step=on_step)
+    except OSError as error:
+        raise FmuError(
+            f"the vehicle FMU cannot be put into {directory}: {error.strerror}; "
+            "name a cache that you can write to in XDG_CACHE_HOME"
+        ) from error

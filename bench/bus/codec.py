@@ -5,7 +5,6 @@ results as cantools' own codec in a fraction of the time.
 """
 
 import struct
-import sysconfig
 from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -30,14 +29,13 @@ MAX_VEHICLES = 16
 
 
 def _dbc_dir() -> Path:
-    beside_the_packages = Path(__file__).resolve().parents[2] / "dbc"
-    if beside_the_packages.is_dir():
-        return beside_the_packages
-    return Path(sysconfig.get_path("data")) / "share" / "platoon" / "dbc"
+    package = Path(__file__).resolve().parents[1]
+    in_wheel = package / "dbc"
+    return in_wheel if in_wheel.is_dir() else package.parent / "dbc"
 
 
 DBC_DIR = _dbc_dir()
-"""The folder of vehicle.dbc and v2v.dbc: in the project, or where the wheel installed them."""
+"""The folder of vehicle.dbc and v2v.dbc: at the top of a checkout, in the package where the wheel is installed."""
 
 
 class DecodeError(BenchError):

@@ -98,7 +98,7 @@ def run(
         without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
         without_wait_s: wall-clock time in s that the run waits for them.
         on_waiting: called with a line for a person before the run waits for them.
-        fmu: the vehicle; None for the one that `platoon fmu build` made.
+        fmu: the vehicle; None for `platoon_fmu.build.default_fmu`.
         silence_s: wall-clock time in s without a frame after which the run has failed.
         realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
 

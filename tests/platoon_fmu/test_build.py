@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import shutil
 import subprocess
 import sys
@@ -169,13 +170,50 @@ def test_a_failing_compiler_is_a_clear_error_and_leaves_nothing(tmp_path, monkey
     assert not (tmp_path / "out").exists()
 
 
-def test_the_default_fmu_says_how_to_build_it(tmp_path, monkeypatch):
+def test_a_checkout_without_its_fmu_says_how_to_build_it(tmp_path, monkeypatch):
+    (tmp_path / "pyproject.toml").touch()
     monkeypatch.setattr(builder, "_PROJECT", tmp_path)
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(FmuError, match="platoon fmu build"):
         builder.default_fmu()
     fmu = builder.build(builder.default_directory())
     assert builder.default_fmu() == fmu == tmp_path / "build" / "Vehicle.fmu"
+
+
+def test_an_installed_package_builds_its_fmu_once_in_the_users_cache(tmp_path, monkeypatch):
+    monkeypatch.setattr(builder, "_PROJECT", tmp_path / "site-packages")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    steps = []
+    fmu = builder.default_fmu(steps.append)
+    assert [step.text for step in steps]
+    assert fmu.is_relative_to(tmp_path / "cache" / "platoon")
+    assert fmu.parent.name.startswith(f"{importlib.metadata.version('platoon')}-")
+    assert validate_fmu(str(fmu)) == []
+    steps.clear()
+    assert builder.default_fmu(steps.append) == fmu
+    assert steps == []
+
+
+def test_other_sources_have_another_place_in_the_cache(tmp_path, monkeypatch):
+    monkeypatch.setattr(builder, "_PROJECT", tmp_path / "site-packages")
+    package = tmp_path / "platoon_fmu"
+    shutil.copytree(builder._PACKAGE, package)
+    monkeypatch.setattr(builder, "_PACKAGE", package)
+    before = builder.default_directory()
+    with (package / "fmi" / "core.c").open("a") as source:
+        source.write("/* changed */")
+    assert builder.default_directory() != before
+
+
+def test_an_installed_package_tells_what_its_fmu_lacks_to_be_built(tmp_path, monkeypatch):
+    monkeypatch.setattr(builder, "_PROJECT", tmp_path / "site-packages")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    with monkeypatch.context() as patched:
+        patched.setenv("PATH", str(tmp_path))
+        with pytest.raises(FmuError, match="no C compiler found"):
+            builder.default_fmu()
+    (tmp_path / "cache").write_text("a file where the cache should be")
+    with pytest.raises(FmuError, match=r"cache.*XDG_CACHE_HOME"):
+        builder.default_fmu()
 
 
 def test_the_fmu_is_valid_and_for_this_platform(built):
