@@ -81,6 +81,7 @@ UNITS = {
     "kg/m3": Unit({"kg": 1, "m": -3}, {}),
     "kg.m2": Unit({"kg": 1, "m": 2}, {}),
     "N": Unit({"kg": 1, "m": 1, "s": -2}, {"kN": 1e-3}),
+    "N/m": Unit({"kg": 1, "s": -2}, {"kN/m": 1e-3}),
     "N/s": Unit({"kg": 1, "m": 1, "s": -3}, {"kN/s": 1e-3}),
     "N/rad": Unit({"kg": 1, "m": 1, "s": -2, "rad": -1}, {"kN/rad": 1e-3}),
     "N.m": Unit({"kg": 1, "m": 2, "s": -2}, {"kN.m": 1e-3}),
@@ -151,7 +152,7 @@ OUTPUTS = (
     *_per_wheel(
         "alpha", "rad", 0.1, "tyre slip angle, positive where it pushes left (as in the paper)", **_QUARTER_TURN
     ),
-    *_per_wheel("kappa", "1", 0.1, "slip ratio (R_w omega - v)/|v| (regularised at low speed)"),
+    *_per_wheel("kappa", "1", 0.1, "slip ratio (R omega - v)/|v| with the rolling radius R (regularised at low speed)"),
 )
 
 INPUTS = (
@@ -160,6 +161,18 @@ INPUTS = (
     _input("lambda_f", "1", 1.0, "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
     _input("lambda_r", "1", 1.0, "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
     _input("mu", "1", 1.0, "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
+    *(
+        _input(
+            f"inflation_{n}",
+            "1",
+            1.0,
+            f"inflation pressure of the tyre over nominal, 1 sound, 0 flat, {w}",
+            start=1.0,
+            minimum=0.0,
+            maximum=1.0,
+        )
+        for n, w in _WHEEL_NAMES.items()
+    ),
     _input("force_x", "N", 1000.0, "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
     _input("force_y", "N", 1000.0, "external force at the centre of mass along the vehicle's y axis (wind, slope)"),
     _input("moment_z", "N.m", 1000.0, "external yaw moment"),

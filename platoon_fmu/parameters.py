@@ -103,6 +103,50 @@ class VehicleParameters:
         "assumed: a tyre near its rated load; Pacejka 2012, section 4.3, parameter p_Ky2",
         minimum=1.0,
     )
+    K_z: float = _parameter(
+        200_000.0,
+        "N/m",
+        "vertical stiffness of a sound tyre; K_phi contains it",
+        "assumed: 195/65 R15 at nominal pressure, 22 mm of deflection under its static load",
+        minimum=10_000.0,
+    )
+    flat_vertical: float = _parameter(
+        0.2,
+        "1",
+        "vertical stiffness of a flat tyre over a sound one's",
+        "assumed: the load left on a front wheel deflects the tyre by 0.1 m, onto its rim",
+        minimum=0.05,
+        maximum=1.0,
+    )
+    flat_cornering: float = _parameter(
+        0.25,
+        "1",
+        "cornering stiffness of a flat tyre over a sound one's",
+        "assumed: studies of blow-outs have a fifth to a third",
+        maximum=1.0,
+    )
+    flat_longitudinal: float = _parameter(
+        0.5,
+        "1",
+        "longitudinal stiffness of a flat tyre over a sound one's",
+        "assumed: falls less than the cornering stiffness, as the belt is stiff along its circumference",
+        maximum=1.0,
+    )
+    flat_rolling: float = _parameter(
+        0.28,
+        "1",
+        "rolling resistance coefficient that a flat tyre has besides mu_d",
+        "assumed: 0.3 in all, 17 times a sound tyre's; studies of blow-outs have 10 to 30 times",
+        maximum=1.0,
+    )
+    flat_radius: float = _parameter(
+        0.92,
+        "1",
+        "rolling radius of a flat tyre over a sound one's",
+        "assumed: a radial tyre's belt keeps its length, so a third of the deflection is lost of the rolling radius",
+        minimum=0.5,
+        maximum=1.0,
+    )
     v_slip: float = _parameter(
         5.0,
         "m/s",

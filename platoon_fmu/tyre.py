@@ -1,7 +1,8 @@
 """The tyre: a brush model with combined slip (Fiala), degressive in load, on the friction circle.
 
 After H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. 2012, section 3.2 (brush model) and section 4.3 (load
-dependence), with the cornering stiffnesses of the paper's Table 1. Symbolic: arguments and results are CasADi SX.
+dependence), with the cornering stiffnesses of the paper's Table 1. What is left of a tyre that loses its pressure is
+between the sound tyre's properties and a flat one's. Symbolic: arguments and results are CasADi SX.
 """
 
 from __future__ import annotations
@@ -16,6 +17,25 @@ SX = Any
 _TINY = 1e-20
 # Below this the road is not a road any more; it only keeps mu = 0 from dividing by zero.
 _LEAST_MU = 1e-3
+
+
+def remaining(flat: SX, inflation: SX) -> SX:
+    """Factor on a property of the sound tyre: 1 at nominal pressure, `flat` without pressure, linear between.
+
+    Written so that it is exactly 1 at inflation 1: the forces of a sound tyre do not depend on `flat` by a single bit.
+    """
+    return 1 - (1 - flat) * (1 - inflation)
+
+
+def extra_compliance(inflation: SX, K_z: SX, flat_vertical: SX) -> SX:
+    """By how much more a tyre gives way per load than the sound one does [m/N]; 0 at inflation 1.
+
+    Args:
+        inflation: pressure over nominal [1].
+        K_z: vertical stiffness of the sound tyre [N/m].
+        flat_vertical: what is left of it without pressure [1].
+    """
+    return (1 / remaining(flat_vertical, inflation) - 1) / K_z
 
 
 def regularised_speed(v: SX, v_slip: SX) -> SX:

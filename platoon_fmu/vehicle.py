@@ -4,6 +4,9 @@ ISO 8855 axes: x forward, y left, z up; steering, yaw and roll positive as right
 in the paper's order: front left, rear left, rear right, front right. Nothing in here is solved: every quantity
 follows from the states, the inputs and the parameters, and the loop from tyre force over load back to tyre force is
 opened by the load-transfer states. The equations are written once, for CasADi's symbols; `codegen.py` makes the C.
+
+A tyre that loses pressure (`inflation_*` below 1) loses slip stiffness and vertical stiffness, rolls on a smaller
+radius and resists rolling. Where all tyres are sound, every term of it is exactly 0 and every factor exactly 1.
 """
 
 from __future__ import annotations
@@ -34,13 +37,18 @@ WHEELS = (Wheel("fl", +1, True), Wheel("rl", +1, False), Wheel("rr", -1, False),
 
 @dataclass(frozen=True)
 class WheelForces:
-    """What one wheel does: forces and slips in wheel axes [N, 1], and in vehicle axes what reaches the body."""
+    """What one wheel does: forces and slips in wheel axes [N, 1], and in vehicle axes what reaches the body.
+
+    R is the rolling radius [m], and `flat_moment` the rolling resistance that a soft tyre adds, on the spin [N m].
+    """
 
     F_x: SX
     F_y: SX
     F_z: SX
     kappa: SX
     tan_alpha: SX
+    R: SX
+    flat_moment: SX
     body_x: SX
     body_y: SX
     body_yaw: SX
@@ -57,12 +65,41 @@ def _roll_height(P: VehicleParameters) -> SX:
     return P.m_s * P.h_s / P.M
 
 
-def _load(wheel: Wheel, x: Mapping[str, SX], P: VehicleParameters) -> SX:
+def _roll_share(front: bool, P: VehicleParameters) -> SX:
+    """An axle's share of roll stiffness and roll damping."""
+    return P.roll_share_f if front else 1 - P.roll_share_f
+
+
+def _static_load(front: bool, P: VehicleParameters) -> SX:
+    """Static load [N] of a tyre of an axle."""
+    return P.F_zf if front else P.F_zr
+
+
+def _moment_lost(front: bool, x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> SX:
+    """Roll moment [N m] by which an axle's springs fall short of K phi on soft tyres; 0 on sound ones.
+
+    The extra compliances c of its tyres are springs in series with the axle's roll stiffness K, which includes sound
+    tyres. So K falls to K/(1 + K (c_left + c_right)/l_t^2), and the axle stands tilted, since the static load deflects
+    one tyre more than the other. The body rests on both axles, so the tilt of one moves load from the soft tyre and the
+    one diagonally across to the other two. Deflections under the loads that braking, roll centres and dampers move are
+    neglected, so that the springs return no more energy than they store.
+    """
+    left, right = (
+        tyre.extra_compliance(u[f"inflation_{w.name}"], P.K_z, P.flat_vertical) for w in WHEELS if w.front is front
+    )
+    K = _roll_share(front, P) * P.K_phi
+    softened = 1 / (1 + K * (left + right) / P.l_t**2)
+    tilt = _static_load(front, P) * (right - left) / P.l_t
+    return K * (x["phi"] - softened * (x["phi"] - tilt))
+
+
+def _load(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> SX:
     """Load F_z [N] of a wheel: static, plus what the transfer states and the rolled body move; never below 0."""
-    share = P.roll_share_f if wheel.front else 1 - P.roll_share_f
+    share = _roll_share(wheel.front, P)
     lever = (P.l_r if wheel.front else P.l_f) / P.L
-    static = P.F_zf if wheel.front else P.F_zr
-    through_springs = share * (P.K_phi * x["phi"] + P.C_phi * x["p"]) / P.l_t
+    static = _static_load(wheel.front, P)
+    springs = share * (P.K_phi * x["phi"] + P.C_phi * x["p"]) - _moment_lost(wheel.front, x, u, P)
+    through_springs = springs / P.l_t
     to_right = through_springs + lever * x["load_transfer_y"]
     to_rear = x["load_transfer_x"] / 2
     return ca.fmax(static - wheel.side * to_right + (-to_rear if wheel.front else to_rear), 0)
@@ -80,21 +117,28 @@ def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehiclePar
     v_yi = x["v_y"] + x["gamma"] * x_i + _roll_height(P) * x["p"]
     v_long, v_lat = c * v_xi + s * v_yi, -s * v_xi + c * v_yi
 
-    F_z = _load(wheel, x, P)
-    kappa, tan_alpha = tyre.slips(v_long, v_lat, P.R_w * x[f"omega_{wheel.name}"], P.v_slip)
+    inflation = u[f"inflation_{wheel.name}"]
+    F_z = _load(wheel, x, u, P)
+    R = P.R_w * tyre.remaining(P.flat_radius, inflation)
+    rolling_speed = R * x[f"omega_{wheel.name}"]
+    kappa, tan_alpha = tyre.slips(v_long, v_lat, rolling_speed, P.v_slip)
     lambda_axle = u["lambda_f"] if wheel.front else u["lambda_r"]
     F_x, F_y = tyre.forces(
         kappa,
         tan_alpha,
-        C_x=P.C_x,
-        C_y=(P.C_f if wheel.front else P.C_r) * (1 + P.cornering_variation * lambda_axle),
+        C_x=P.C_x * tyre.remaining(P.flat_longitudinal, inflation),
+        C_y=(P.C_f if wheel.front else P.C_r)
+        * (1 + P.cornering_variation * lambda_axle)
+        * tyre.remaining(P.flat_cornering, inflation),
         F_z=F_z,
-        F_z0=P.F_zf if wheel.front else P.F_zr,
+        F_z0=_static_load(wheel.front, P),
         mu=u["mu"],
         load_peak=P.load_peak,
     )
     body_x, body_y = c * F_x - s * F_y, s * F_x + c * F_y
-    return WheelForces(F_x, F_y, F_z, kappa, tan_alpha, body_x, body_y, x_i * body_y - y_i * body_x)
+    body_yaw = x_i * body_y - y_i * body_x
+    flat_moment = P.flat_rolling * (1 - inflation) * F_z * R * _smooth_sign(rolling_speed / P.v_roll)
+    return WheelForces(F_x, F_y, F_z, kappa, tan_alpha, R, flat_moment, body_x, body_y, body_yaw)
 
 
 def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> tuple[dict[str, SX], dict[str, SX]]:
@@ -115,7 +159,8 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
 
     v_x, v_y, gamma, psi = x["v_x"], x["v_y"], x["gamma"], x["psi"]
     # Rolling resistance acts on the body, not on the spins, so that T = R_w F_x in steady rolling; and on the body as
-    # a whole, as in the paper, so that it does not bend the cornering of a car whose load has moved to one side.
+    # a whole, as in the paper, so that it does not bend the cornering of a car whose load has moved to one side. What
+    # a soft tyre adds is a moment on its own wheel: it drags at that corner, and a locked wheel has none of it.
     ground_x = tyres_x - P.mu_d * P.M * P.g * _smooth_sign(v_x / P.v_roll)
     a_x = (ground_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
     a_y = (tyres_y + u["force_y"]) / P.M
@@ -123,7 +168,8 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
     # Roll about the vehicle's centre of mass: forces there do no work on roll, tyre forces act h_roll below.
     h_roll = _roll_height(P)
     I_roll = P.I_x + P.m_s * P.h_s**2 * (1 - P.m_s / P.M)
-    roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - P.K_phi * x["phi"] - P.C_phi * x["p"]
+    springs = P.K_phi * x["phi"] - (_moment_lost(True, x, u, P) + _moment_lost(False, x, u, P))
+    roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - springs - P.C_phi * x["p"]
 
     # The rest of the lateral moment h tyres_y passes not through the springs but through the roll centres.
     transfer_x = P.h * ground_x / P.L
@@ -138,7 +184,7 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
         "v_y": a_y - v_x * gamma,
         "gamma": (tyres_yaw + u["moment_z"]) / P.I_z,
         "p": roll_moment / I_roll,
-        **{f"omega_{n}": (u[f"wheel_torque_{n}"] - P.R_w * w.F_x) / P.I_w for n, w in wheels.items()},
+        **{f"omega_{n}": (u[f"wheel_torque_{n}"] - w.R * w.F_x - w.flat_moment) / P.I_w for n, w in wheels.items()},
         "load_transfer_x": (transfer_x - x["load_transfer_x"]) / P.tau_z,
         "load_transfer_y": (transfer_y - x["load_transfer_y"]) / P.tau_z,
     }
@@ -156,7 +202,7 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
 
 
 def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX]:
-    """The states at the start: the given pose and motion, wheels rolling freely, body level, static loads.
+    """The states at the start: the given pose and motion, sound wheels rolling freely, body level, static loads.
 
     Args:
         start: start parameters by name (`interface.STARTS`).
@@ -174,8 +220,11 @@ def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX
 def fastest_rate(P: VehicleParameters) -> SX:
     """The fastest decay [1/s] that the equations can have, about: of a wheel's spin, or of side-slip, both at rest.
 
-    Faster than either is nothing with sensible parameters: at rest the slips' speed of reference is v_slip/2.
+    Faster than either is nothing with sensible parameters: at rest the slips' speed of reference is v_slip/2. The spin
+    of a flat wheel has less slip stiffness, but there its resistance to rolling changes sign within v_roll.
     """
     spin = P.R_w**2 * P.C_x / P.I_w
     side_slip = 2 * (P.C_f + P.C_r) * (1 + P.cornering_variation) / P.M
-    return ca.fmax(spin, side_slip) * 2 / P.v_slip
+    flat_moment = P.R_w**2 * P.flat_rolling * ca.fmax(P.F_zf, P.F_zr) / P.I_w * 3 / (2 * P.v_roll)
+    flat_spin = spin * P.flat_longitudinal * 2 / P.v_slip + flat_moment
+    return ca.fmax(ca.fmax(spin, side_slip) * 2 / P.v_slip, flat_spin)

@@ -3,13 +3,15 @@
 The energy is E = M (v_x^2 + v_y^2)/2 + I_z gamma^2/2 + I_roll p^2/2 + I_w sum(omega^2)/2 + (K_phi - m_s g h_s) phi^2/2:
 of translation, yaw, roll (about the vehicle's centre of mass, I_roll = I_x + m_s h_s^2 (1 - m_s/M)) and spins, of the
 roll springs, less what the leaning body sinks. The load transfers are states, but they store none: they only divide
-the weight among the wheels, and loads do no work on flat ground. Multiplying each equation of motion by its velocity
-and adding up leaves
+the weight among the wheels, and loads do no work on flat ground. On soft tyres of constant pressure an axle's springs
+hold K_axle (phi - tilt)^2/2 instead of their share of K_phi phi^2/2. Multiplying each equation of motion by its
+velocity and adding up leaves
 
     dE/dt = sum(T omega) + F_x,ext v_x + F_y,ext v_y + M_z,ext gamma - D,
-    D = sum(F_x (R_w omega - v_long) - F_y v_lat) + C_a |v_x|^3 + F_roll |v_x| + C_phi p^2 >= 0,
+    D = sum(F_x (R omega - v_long) - F_y v_lat + M_flat |omega|) + C_a |v_x|^3 + F_roll |v_x| + C_phi p^2 >= 0,
 
-with the tyres' forces and the velocities of their contact points in wheel axes. Steering does no work: it turns the
+with the tyres' forces and the velocities of their contact points in wheel axes, the rolling radius R (R_w where the
+tyre is sound) and the moment M_flat by which a soft tyre resists rolling. Steering does no work: it turns the
 wheels about their contact points, where the tyre has no aligning moment.
 """
 
@@ -30,6 +32,8 @@ _NAMES = (
     *STATES,
     *of_wheels("F_x"),
     *of_wheels("F_y"),
+    *of_wheels("F_z"),
+    *of_wheels("inflation"),
     *of_wheels("wheel_torque"),
     *("force_x", "force_y", "moment_z", "steering_angle"),
 )
@@ -95,6 +99,13 @@ MANOEUVRES = (
     Violence(
         "Reverse gear at 15 m/s", {"v_x_start": 15.0}, _always(steering_angle=0.05), lambda _t, _o: np.full(4, -900.0)
     ),
+    Violence(
+        "Slalom on two flat tyres and one at half pressure",
+        {"v_x_start": 30.0, "inflation_fl": 0.0, "inflation_rr": 0.0, "inflation_rl": 0.5},
+        lambda t: {"steering_angle": 0.1 * np.sin(3.0 * t)},
+        lambda t, omega: np.clip(-20.0 * omega, -1000.0, 1000.0) * np.array([t > 3.0, t > 2.0, t > 4.0, t > 3.5]),
+    ),
+    Violence("Body settling over two soft tyres at standstill", {"inflation_fl": 0.0, "inflation_rl": 0.5}, _always()),
     Violence(
         "Gale from all sides",
         {"v_x_start": 25.0},
@@ -223,9 +234,26 @@ def _energy(values: Values, P: VehicleParameters) -> Array:
         + P.I_z * values["gamma"] ** 2
         + P.I_w * (_wheels(values, "omega") ** 2).sum(axis=0)
         + I_roll * values["p"] ** 2
-        + (P.K_phi - P.m_s * P.g * P.h_s) * values["phi"] ** 2
+        - P.m_s * P.g * P.h_s * values["phi"] ** 2
     )
+    for axle in ("f", "r"):
+        stiffness, tilt = _axle_springs(values, P, axle)
+        twice = twice + stiffness * (values["phi"] - tilt) ** 2
     return twice / 2
+
+
+def _axle_springs(values: Values, P: VehicleParameters, axle: str) -> tuple[Array, Array]:
+    """Roll stiffness [N m/rad] of an axle on its tyres, and the roll angle [rad] at which it has no moment.
+
+    A tyre of stiffness k stands lower than a sound one, of stiffness K_z, by the static load times 1/k - 1/K_z.
+    """
+    share, load = (P.roll_share_f, P.F_zf) if axle == "f" else (1 - P.roll_share_f, P.F_zr)
+    left, right = (
+        1 / (P.K_z * (values[f"inflation_{axle}{side}"] * (1 - P.flat_vertical) + P.flat_vertical)) - 1 / P.K_z
+        for side in ("l", "r")
+    )
+    by_suspension, by_tyres = 1 / (share * P.K_phi), (left + right) / P.l_t**2
+    return 1 / (by_suspension + by_tyres), load * (right - left) / P.l_t
 
 
 def _torque_power(values: Values, _: VehicleParameters) -> Array:
@@ -245,10 +273,14 @@ def _losses(values: Values, P: VehicleParameters) -> Array:
     fading = np.minimum(v_x / P.v_roll, 1.0)
     rolling = P.mu_d * P.M * P.g * fading * (3 - fading**2) / 2
     lost: Array = P.C_a * v_x**3 + rolling * v_x + P.C_phi * values["p"] ** 2
-    F_x, F_y, omega = (_wheels(values, quantity) for quantity in ("F_x", "F_y", "omega"))
+    F_x, F_y, F_z, omega = (_wheels(values, quantity) for quantity in ("F_x", "F_y", "F_z", "omega"))
+    soft = 1 - _wheels(values, "inflation")
+    rim_speed = P.R_w * (1 - soft * (1 - P.flat_radius)) * omega
     for i, wheel in enumerate(WHEELS):
         v_long, v_lat = _contact_velocity(values, P, wheel)
-        lost = lost + F_x[i] * (P.R_w * omega[i] - v_long) - F_y[i] * v_lat
+        turning = np.minimum(np.abs(rim_speed[i]) / P.v_roll, 1.0)
+        rolling = P.flat_rolling * soft[i] * F_z[i] * turning * (3 - turning**2) / 2
+        lost = lost + F_x[i] * (rim_speed[i] - v_long) - F_y[i] * v_lat + rolling * np.abs(rim_speed[i])
     return lost
 
 

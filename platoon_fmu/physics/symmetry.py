@@ -15,6 +15,7 @@ SPEED = 25.0
 _SECONDS = 2.0
 _ANGLES = (0.01, 0.08)
 _TORQUES = ((-100.0, 50.0, 150.0, 80.0), (-900.0, 300.0, 200.0, -50.0))
+_INFLATIONS = ((1.0, 1.0, 1.0, 1.0), (0.4, 0.9, 1.0, 0.0))
 _MIRRORED = {"Y", "psi", "phi", "v_y", "gamma", "p", "load_transfer_y"}
 _NAMES = (*STATES, "a_y", *of_wheels("F_z"))
 # fl, rl, rr, fr become fr, rr, rl, fl.
@@ -33,7 +34,7 @@ class MirrorSymmetry:
 
 
 def mirror_symmetry(fmu: OpenFmu) -> MirrorSymmetry:
-    """Drives turns with uneven torques and outer forces, and their mirror images.
+    """Drives turns with uneven torques, tyres and outer forces, and their mirror images.
 
     Args:
         fmu: the vehicle.
@@ -59,8 +60,9 @@ def _drive(fmu: OpenFmu, angle: float, side: int) -> dict[str, Array]:
     """The series of a turn to the left (side 1) or, as if seen in a mirror, to the right (side -1), by name."""
     series: dict[str, list[Array]] = {name: [] for name in _NAMES}
     with Car(fmu, {"v_x_start": SPEED}) as car:
-        for torques in _TORQUES:
+        for torques, inflations in zip(_TORQUES, _INFLATIONS, strict=True):
             car.torque(*torques[::side])
+            car.set(dict(zip(of_wheels("inflation"), inflations[::side], strict=True)))
             car.set(steering_angle=side * angle, force_y=side * 100.0, moment_z=side * 50.0)
             trace = car.record(_SECONDS, 0.01, _NAMES)
             for name in _NAMES:

@@ -125,7 +125,7 @@ def test_the_table_is_whole_where_there_is_no_terminal(vehicle):
         assert line.endswith(variable.description)
     (steering,) = [line for line in lines if line.startswith("steering_angle ")]
     assert steering.split()[:5] == ["steering_angle", "rad", "(deg)", "0", "0.1"]
-    assert "11 inputs, continuous" in lines
+    assert "15 inputs, continuous" in lines
     (solver,) = [line for line in lines if line.startswith("solver ")]
     assert "Enumeration" in solver
     assert "1 (runge_kutta_4)" in solver

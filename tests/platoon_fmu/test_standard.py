@@ -557,6 +557,7 @@ def points(make, kind):
         ({"v_x_start": 35.0, "v_y_start": -4.0, "gamma_start": 0.5}, {"mu": 0.4, "lambda_f": 0.7}),
         ({"v_x_start": 2.0, "v_y_start": 0.1, "gamma_start": -0.1}, {"wheel_torque_fl": 100.0, "force_y": 300.0}),
         ({"v_x_start": -6.0, "v_y_start": 0.2, "gamma_start": 0.1}, {"wheel_torque_rr": -200.0, "lambda_r": -0.5}),
+        ({"v_x_start": 25.0, "v_y_start": 0.1}, {"inflation_fl": 0.0, "inflation_rr": 0.3, "inflation_fr": 0.9}),
     ):
         yield make(kind).start(**start, **inputs)
 

@@ -56,7 +56,8 @@ def symmetry(m: Measurements) -> Section:
         "Left and right",
         "",
         f"From {symmetry_test.SPEED:g} m/s two turns, a gentle and a hard one, with different torques on all "
-        "wheels, a side force and a yaw moment, are driven to the left and, with everything mirrored, to the right. "
+        "wheels, a side force and a yaw moment, the hard one with soft tyres besides, are driven to the left and, with "
+        "everything mirrored, to the right. "
         "All states, the lateral acceleration and the tyre loads are compared.",
         s.figures,
         (path,),
