@@ -95,7 +95,7 @@ def test_the_vehicle_passes_all_checks(request, name):
     checks = list(validate(request.getfixturevalue(name)))
     assert [c for c in checks if c.outcome is not Outcome.PASSED] == []
     assert len(checks) == (15 if name == "fmu_path" else 17)
-    assert "37 unknowns over 11 knowns" in found(checks, "directional derivatives", CS).text
+    assert "37 unknowns over 15 knowns" in found(checks, "directional derivatives", CS).text
 
 
 @VERSIONS
