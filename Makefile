@@ -1,5 +1,5 @@
-# make run: all the set-up, then the paper's formation. make check, make test, make lint, make bench, make references,
-# make clean. PYTEST_ARGS goes to pytest: make test PYTEST_ARGS='-x -k outbox'.
+# make run: all the set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
+# make lint, make dist, make bench, make references, make clean. PYTEST_ARGS goes to pytest: make test PYTEST_ARGS='-x -k outbox'.
 PYTHON      ?= python3
 SCENARIO    ?= formation
 ARGS        ?=
@@ -16,15 +16,21 @@ WARM      := build/.warm
 INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS)
+# What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
+CHECK     := $(addprefix tests/,bus conductor control ecu plant integration/test_identity.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run test lint dist bench references clean
+.PHONY: setup run check test nightly lint dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
 
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)
+
+# In two minutes on two cores.
+check: setup $(DEVELOP) lint
+	$(PYTEST) $(PYTEST_ARGS) $(CHECK)
 
 # What uses CAN links of the kernel runs a second time, where there are some: in a kernel of its own, if need be.
 test: setup $(DEVELOP)
@@ -33,6 +39,9 @@ test: setup $(DEVELOP)
 		echo "$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN)"; $(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN); \
 	elif [ -n "$$CI" ]; then echo "make test: the tests on vcan must run in CI" >&2; exit 1; \
 	else echo "make test: NOT TESTED ON VCAN, see the message above" >&2; fi
+
+nightly: setup $(DEVELOP)
+	$(PYTEST) -m nightly $(PYTEST_ARGS)
 
 lint: $(LINTERS)
 	$(BIN)/ruff check .
