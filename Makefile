@@ -97,5 +97,5 @@ $(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.* platoon_fmu/fmi/*)
 
 # Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycle.
 $(WARM): $(FMU) $(wildcard bench/control/*.py)
-	$(BIN)/python -m bench.warm_up
+	$(BIN)/python -m bench.cli.warm_up
 	@touch $@

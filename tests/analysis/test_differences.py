@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from bench.analysis.differences import MAX_SIGNALS, figures_of
 from bench.analysis.report import write as write_report
-from bench.cli import app
+from bench.cli.main import app
 from bench.errors import BadInput
 from bench.record import Run, diff
 

@@ -16,7 +16,7 @@ from bench.analysis.metrics import compute
 from bench.analysis.page_data import live_data, page_data
 from bench.analysis.report import render, render_both, render_live, write
 from bench.analysis.series import MAX_POINTS, held
-from bench.cli import app
+from bench.cli.main import app
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run
 

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from typer.main import get_command
 
-from bench.cli import app
+from bench.cli.main import app
 from bench.record.reader import LogDamaged, Run
 from bench.record.recover import recover
 

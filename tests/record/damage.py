@@ -29,7 +29,7 @@ from mcap.opcode import Opcode
 from typer.main import get_command
 
 from bench.bus.address import Address
-from bench.cli import app
+from bench.cli.main import app
 from bench.conductor.run import run
 from bench.errors import BenchError
 from bench.record.container import MAGIC

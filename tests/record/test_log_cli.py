@@ -12,8 +12,8 @@ import polars as pl
 import pytest
 from mcap.reader import make_reader
 
-from bench.cli import main
-from bench.log_cli import ExportName, FormatName
+from bench.cli.log import ExportName, FormatName
+from bench.cli.main import main
 from bench.record import LogDamaged, Run
 from bench.record.exchange import Format
 from bench.record.exchange.tables import TableFormat

@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
-from bench.cli import app
+from bench.cli.main import app
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run
 from bench.record.container import MAGIC

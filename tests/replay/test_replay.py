@@ -19,7 +19,7 @@ from bench.bus.base import LinkError
 from bench.bus.codec import load_codecs
 from bench.bus.direct import DirectLink, Hub
 from bench.bus.udp import reserve_udp_ports
-from bench.cli import app
+from bench.cli.main import app
 from bench.errors import BadInput
 from bench.replay.order import in_order
 from bench.replay.player import play

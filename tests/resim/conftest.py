@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from bench.cli.resim import STEP_LIMIT_S
 from bench.record.can_frame import Frame
 from bench.record.reader import Run
 from bench.resim.fleet import run_all
 from bench.resim.job import Outcome
 from bench.resim.plan import make_plan
-from bench.resim_cli import STEP_LIMIT_S
 from tests.reference.__main__ import FOLDER
 from tests.reference.raw_log import write
 

@@ -15,7 +15,7 @@ from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.kernel_links import lack_of_can
 from bench.bus.link import open_link
-from bench.cli import app
+from bench.cli.main import app
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS
 from bench.errors import RunFailed

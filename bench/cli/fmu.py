@@ -86,7 +86,7 @@ def validate(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
 ) -> None:
     """Check any FMU against the standard, and try what it claims to do."""
-    from bench.fmu_table import show_check
+    from bench.cli.fmu_table import show_check
     from platoon_fmu.checks.findings import Outcome
     from platoon_fmu.checks.validate import validate as checks_of
 
@@ -121,7 +121,7 @@ def info(
     if as_json:
         typer.echo(json.dumps(asdict(found), indent=2))
         return
-    from bench.fmu_table import show_info
+    from bench.cli.fmu_table import show_info
 
     show_info(found)
 

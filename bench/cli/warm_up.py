@@ -29,7 +29,7 @@ def main() -> None:
             load("formation", ["duration_s=0.2"]),
             address=Address.parse("direct"),
             out=Path(folder) / "warm-up.mcap",
-            command_line=["bench.warm_up"],
+            command_line=["bench.cli.warm_up"],
         )
 
 

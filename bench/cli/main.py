@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.fmu import fmu_app, say_first_use, vehicle_fmu
+from bench.cli.log import log_app
+from bench.cli.replay import add_replay
+from bench.cli.resim import add_resim
 from bench.errors import BadInput, BenchError
-from bench.fmu_cli import fmu_app, say_first_use, vehicle_fmu
-from bench.log_cli import log_app
 from bench.output_paths import check_directory, check_report, check_suffix, readable_log
-from bench.replay_cli import add_replay
-from bench.resim_cli import add_resim
 from platoon_fmu.errors import FmuError
 
 if TYPE_CHECKING:
@@ -126,8 +126,8 @@ def run(
 
     with ExitStack() as stack:
         session = stack.enter_context(_live(log, live_address)) if live or live_address else None
+        from bench.cli.summary import following, show_metrics, show_timing
         from bench.conductor import run as conductor
-        from bench.summary import following, show_metrics, show_timing
 
         if session is not None:
             typer.echo(session.served())
@@ -193,7 +193,7 @@ def metrics(
     if as_json:
         typer.echo(json.dumps(figures.as_dict(), indent=2))
         return
-    from bench.summary import show_metrics
+    from bench.cli.summary import show_metrics
 
     show_metrics(figures)
 
@@ -334,8 +334,8 @@ def fault(
 
     For example: platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
     """
+    from bench.cli.fault_words import describe_kinds, parse
     from bench.conductor.fault_desk import ask
-    from bench.fault_words import describe_kinds, parse
 
     if kind is None:
         typer.echo(describe_kinds(), nl=False)
@@ -366,7 +366,7 @@ def vcan(
 @app.command()
 def doctor() -> None:
     """Tell what this machine can do, and what to type for the rest. Exit code 1 where no run would work."""
-    from bench.doctor import examine
+    from bench.cli.doctor import examine
 
     can_run = True
     for finding in examine(LOGS):
