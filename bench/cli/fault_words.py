@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.errors import BadInput
 from bench.faults import kinds
-from bench.scenario_errors import closest
+from bench.scenario.errors import closest
 
 
 def parse(kind: str, keys: Sequence[str]) -> dict[str, Any]:

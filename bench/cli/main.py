@@ -476,7 +476,3 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
 
 def _report_path(log: Path) -> Path:
     return log.with_suffix(".html")
-
-
-if __name__ == "__main__":
-    main()

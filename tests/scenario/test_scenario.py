@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from bench.errors import BadInput
 from bench.scenario import Scenario, Sine, Step, load, shipped
-from bench.scenario_errors import key_lines
+from bench.scenario.errors import key_lines
 
 SMALL = """\
 name = "small"

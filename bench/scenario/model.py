@@ -1,4 +1,4 @@
-"""A scenario: everything a run depends on, read from TOML and validated before anything starts.
+"""A scenario: everything a run depends on, validated before anything starts.
 
 Keys carry their unit (`_m`, `_mps`, `_rad`, `_s`, `_n`, `_nm`). Positions are of the centre of mass in the
 road frame (ISO 8855: X along the road, Y to the left). Vehicles are counted from 1 where people read of them
@@ -7,25 +7,18 @@ road frame (ISO 8855: X along the road, Y to the left). Vehicles are counted fro
 
 import dataclasses
 import itertools
-import json
 import math
-import re
-import tomllib
-from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import tomli_w
-from pydantic import BaseModel, Field, ValidationError, model_validator, with_config
+from pydantic import BaseModel, Field, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
 from bench.bus.topic import CYCLE_MS
 from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
 from bench.errors import BadInput
 from bench.faults import Fault
-from bench.profile import STRICT, Constant, Profile, Sine, Step, Within, constant
-from bench.scenario_errors import Source, closest, explain
-from bench.scenario_overrides import put
+from bench.profile import STRICT, Profile, Within, constant
 
 CYCLE_S = CYCLE_MS / 1000
 """One cycle of the bench (s): sensors, references and commands are exchanged once in it."""
@@ -35,8 +28,6 @@ LEAST_START_DISTANCE_M = 4.0
 
 Problem = tuple[tuple[str | int, ...], str]
 """The path of a key, and what is wrong with its value."""
-
-SCENARIO_DIR = Path(__file__).parent / "scenarios"
 
 Speed = Annotated[float, Field(ge=1, le=40)]
 Lateral = Annotated[float, Field(ge=-100, le=100)]
@@ -243,84 +234,3 @@ class Scenario(BaseModel):
         except ValueError as error:
             problems.append((("planner", "planning_interval_s"), f"is not allowed: {error}"))
         return problems
-
-
-def shipped() -> list[str]:
-    """Return the names of the scenarios that come with the bench."""
-    return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
-
-
-def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
-    """Return a validated scenario.
-
-    Args:
-        name_or_path: the name of a shipped scenario, or a TOML file.
-        overrides: `KEY=VALUE` each, KEY dotted (`vehicles.0.x_m`, `vehicles[0].x_m`), VALUE as in TOML.
-        seed: replaces the scenario's seed.
-
-    Raises:
-        BadInput: with all that is wrong in one message: key, line, value, allowed range and mend.
-    """
-    path = _find(name_or_path)
-    text, document = _read(path)
-    document.setdefault("name", _name_from(path))
-    given: dict[tuple[str | int, ...], str] = {}
-    for override in overrides:
-        given[put(document, override)] = f"--set {override}"
-    if seed is not None:
-        document["seed"] = seed
-        given["seed",] = f"--seed {seed}"
-    try:
-        # JSON, because strict validation takes lists for tuples and tables for dataclasses only from there.
-        return Scenario.model_validate_json(json.dumps(document, default=str))
-    except ValidationError as error:
-        source = Source(str(path), text, document, given)
-        raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
-
-
-def _find(name_or_path: str | Path) -> Path:
-    name = str(name_or_path)
-    if name in shipped():
-        return SCENARIO_DIR / f"{name}.toml"
-    path = Path(name_or_path)
-    if path.is_file():
-        return path
-    if path.is_dir():
-        raise BadInput(f"Scenario {name!r} is a directory; give a file or one of {', '.join(shipped())}.")
-    near = closest(name, shipped())
-    meant = f" Did you mean {near}?" if near else ""
-    raise BadInput(f"No scenario {name!r}: no such file, and shipped are {', '.join(shipped())}.{meant}")
-
-
-def _name_from(path: Path) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64].lstrip("_.-") or "scenario"
-
-
-def _read(path: Path) -> tuple[str, dict[str, Any]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-        return text, tomllib.loads(text)
-    except OSError as error:
-        raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise BadInput(f"{path} is no TOML: not UTF-8 text (byte {error.start}).") from error
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # the reader's own errors, and numbers of thousands of digits
-        raise BadInput(f"{path} is no TOML: {error}.") from error
-
-
-__all__ = [
-    "CYCLE_S",
-    "Constant",
-    "Platoon",
-    "Profile",
-    "Road",
-    "Scenario",
-    "Sine",
-    "Step",
-    "Vehicle",
-    "load",
-    "shipped",
-]

@@ -1,0 +1,20 @@
+"""What a run depends on: `load` reads a scenario, `Scenario` is one, `shipped` names those that come with the bench."""
+
+from bench.profile import Constant, Profile, Sine, Step
+from bench.scenario.loading import SCENARIO_DIR, load, shipped
+from bench.scenario.model import CYCLE_S, Platoon, Road, Scenario, Vehicle
+
+__all__ = [
+    "CYCLE_S",
+    "SCENARIO_DIR",
+    "Constant",
+    "Platoon",
+    "Profile",
+    "Road",
+    "Scenario",
+    "Sine",
+    "Step",
+    "Vehicle",
+    "load",
+    "shipped",
+]

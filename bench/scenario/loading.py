@@ -1,0 +1,83 @@
+"""Reads a scenario from TOML: one that ships with the bench or a file, with what the command line replaces in it."""
+
+import json
+import re
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from bench.errors import BadInput
+from bench.scenario.errors import Source, closest, explain
+from bench.scenario.model import Scenario
+from bench.scenario.overrides import put
+
+SCENARIO_DIR = Path(__file__).parent / "shipped"
+
+
+def shipped() -> list[str]:
+    """Return the names of the scenarios that come with the bench."""
+    return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
+
+
+def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """Return a validated scenario.
+
+    Args:
+        name_or_path: the name of a shipped scenario, or a TOML file.
+        overrides: `KEY=VALUE` each, KEY dotted (`vehicles.0.x_m`, `vehicles[0].x_m`), VALUE as in TOML.
+        seed: replaces the scenario's seed.
+
+    Raises:
+        BadInput: with all that is wrong in one message: key, line, value, allowed range and mend.
+    """
+    path = _find(name_or_path)
+    text, document = _read(path)
+    document.setdefault("name", _name_from(path))
+    given: dict[tuple[str | int, ...], str] = {}
+    for override in overrides:
+        given[put(document, override)] = f"--set {override}"
+    if seed is not None:
+        document["seed"] = seed
+        given["seed",] = f"--seed {seed}"
+    try:
+        # JSON, because strict validation takes lists for tuples and tables for dataclasses only from there.
+        return Scenario.model_validate_json(json.dumps(document, default=str))
+    except ValidationError as error:
+        source = Source(str(path), text, document, given)
+        raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
+
+
+def _find(name_or_path: str | Path) -> Path:
+    name = str(name_or_path)
+    if name in shipped():
+        return SCENARIO_DIR / f"{name}.toml"
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    if path.is_dir():
+        raise BadInput(f"Scenario {name!r} is a directory; give a file or one of {', '.join(shipped())}.")
+    near = closest(name, shipped())
+    meant = f" Did you mean {near}?" if near else ""
+    raise BadInput(f"No scenario {name!r}: no such file, and shipped are {', '.join(shipped())}.{meant}")
+
+
+def _name_from(path: Path) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64].lstrip("_.-") or "scenario"
+
+
+def _read(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except OSError as error:
+        raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path} is no TOML: not UTF-8 text (byte {error.start}).") from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # the reader's own errors, and numbers of thousands of digits
+        raise BadInput(f"{path} is no TOML: {error}.") from error
