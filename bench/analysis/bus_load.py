@@ -20,8 +20,9 @@ from bench.bus.codec import Codec
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.schedulability import Stream, load, response_times, streams
-from bench.bus.timing import CYCLE_NS, sender_of
+from bench.bus.timing import sender_of
 from bench.bus.topic import V2V
+from bench.cycle import CYCLE_NS
 from bench.record import Run
 
 _S = 1e9

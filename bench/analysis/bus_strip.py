@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from bench.analysis.bus_load import BusLoad, SentFrame
 from bench.bus.base import EXTENDED
-from bench.bus.topic import CYCLE_MS
+from bench.cycle import CYCLE_MS
 
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 24.0
 _WIDTH, _ROW, _BAR = 1120.0, 30.0, 16.0

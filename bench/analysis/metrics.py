@@ -9,8 +9,8 @@ import numpy as np
 
 from bench.analysis.boundary import margin
 from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.cycle import CYCLE_S
 from bench.record import Run
-from bench.scenario import CYCLE_S
 
 GAP_BAND_M = 0.5
 SPEED_BAND_MPS = 0.2

@@ -12,9 +12,9 @@ from bench.analysis.figures import NOTHING_YET, Figures
 from bench.analysis.metrics import compute
 from bench.analysis.series import Span
 from bench.bus.base import EXTENDED
+from bench.cycle import CYCLE_S
 from bench.record import Event, Run
 from bench.record.drawing import BODY, colour, lane_edges
-from bench.scenario import CYCLE_S
 from platoon_fmu.parameters import VehicleParameters
 
 PageData = dict[str, Any]

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.cycle import CYCLE_S
 from bench.record import Run
-from bench.scenario import CYCLE_S
 
 MAX_POINTS = 2400
 """A curve of more samples is thinned out to at most this many."""

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.timing import sender_of
-from bench.bus.topic import CYCLE_MS, PLANT, vehicle_bus
+from bench.bus.topic import PLANT, vehicle_bus
+from bench.cycle import CYCLE_MS, CYCLE_NS
 from bench.errors import BadInput
 from bench.record.reader import Run
 
@@ -25,7 +26,6 @@ LONGEST_MS = 2.0 * CYCLE_MS
 
 PERCENTILES = (1.0, 50.0, 99.0, 99.9)
 
-_CYCLE_NS = CYCLE_MS * 1_000_000
 _MOST_CYCLES = 1000
 """For each frame of the clock; where there are more, the log's times are wrong."""
 
@@ -110,9 +110,9 @@ def timing(run: Run) -> Timing | None:
         count = begun.size - 1
         if count < 1:
             continue
-        begun[count] = min(begun[count], begun[count - 1] + _CYCLE_NS)
+        begun[count] = min(begun[count], begun[count - 1] + CYCLE_NS)
         if not late.size:
-            from_grid = begun[:count] - np.arange(count) * _CYCLE_NS
+            from_grid = begun[:count] - np.arange(count) * CYCLE_NS
             late = (from_grid - np.nanmin(from_grid)) / 1e6
         for name, can_ids in _senders(codec, bus).items():
             done = np.full(count, np.nan)
@@ -175,7 +175,7 @@ def _first_receipts(table: NDArray[Any], can_id: int, count: int | None = None) 
         BadInput: there are far more cycles than frames.
     """
     rows = table[table["can_id"] == can_id]
-    cycles = rows["time"] // _CYCLE_NS
+    cycles = rows["time"] // CYCLE_NS
     count = int(cycles.max(initial=-1)) + 1 if count is None else count
     if count > _MOST_CYCLES * (rows.size + 1):
         raise BadInput(f"frame 0x{can_id:03X} has times that cannot be: {rows.size} frames up to cycle {count - 1}")

@@ -26,8 +26,8 @@ from bench.bus.inbox import BENCH_SYNC, RUN, STOP
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.timing import BusTimeline
-from bench.bus.topic import CYCLE_MS
 from bench.bus.udp import GROUP
+from bench.cycle import CYCLE_MS, CYCLE_S
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
@@ -297,4 +297,4 @@ def _send(address: Address, seconds: int, per_s: int) -> None:
             for number in range(per_cycle):
                 link, can_id, data = frames[(cycle * per_cycle + number) % len(frames)]
                 link.send(can_id, data)
-            time.sleep(max(0.0, started + (cycle + 1) * CYCLE_MS / 1000 - time.monotonic()))
+            time.sleep(max(0.0, started + (cycle + 1) * CYCLE_S - time.monotonic()))

@@ -15,7 +15,7 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
-from bench.bus.topic import CYCLE_MS
+from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
 
 DEFAULT_BIT_RATE = 500_000

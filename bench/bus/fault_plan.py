@@ -15,7 +15,7 @@ from random import Random
 
 from pydantic import TypeAdapter
 
-from bench.bus.topic import CYCLE_MS
+from bench.cycle import CYCLE_S
 from bench.faults import Fault, FrameDuplicate, FrameReorder, Window
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
@@ -83,7 +83,7 @@ class FaultPlan:
 
     def _set(self, faults: Sequence[Fault]) -> None:
         self.faults = tuple(faults)
-        self._windows = [Window(fault, CYCLE_MS / 1000) for fault in self.faults]
+        self._windows = [Window(fault, CYCLE_S) for fault in self.faults]
         self.at = lru_cache(maxsize=4)(self._at)
 
     def refresh(self) -> None:

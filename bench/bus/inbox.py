@@ -19,7 +19,8 @@ from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
 from bench.bus.fault_plan import FaultPlan
 from bench.bus.outbox import BENCH_ABSENT, is_off
 from bench.bus.reception import Health, Reception, ReceptionState
-from bench.bus.topic import CYCLE_MS, Signals, Topic
+from bench.bus.topic import Signals, Topic
+from bench.cycle import time_of
 from bench.errors import BadInput
 
 BENCH_SYNC = "BenchSync"
@@ -319,8 +320,8 @@ class Inbox:
         first = self.opened < 0
         if cycle > self.opened:
             self.opened = cycle
-            self._zero_at = min(self._zero_at, self._clock() - cycle * CYCLE_MS / 1000)
-            self.opened_at = self._zero_at + cycle * CYCLE_MS / 1000
+            self._zero_at = min(self._zero_at, self._clock() - time_of(cycle))
+            self.opened_at = self._zero_at + time_of(cycle)
         if not first:
             return
         if cycle != self.cycle:

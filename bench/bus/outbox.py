@@ -14,7 +14,8 @@ from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
 from bench.bus.fault_plan import FaultPlan, hits
-from bench.bus.topic import CYCLE_MS, V2V, Signals, vehicle_of
+from bench.bus.topic import V2V, Signals, vehicle_of
+from bench.cycle import CYCLE_MS
 from bench.errors import BadInput
 from bench.faults import (
     BabblingIdiot,

@@ -18,8 +18,9 @@ from bench.bus.base import EXTENDED
 from bench.bus.codec import Codec
 from bench.bus.frame_length import longest_bits, priority
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.timing import CYCLE_NS, sender_of
+from bench.bus.timing import sender_of
 from bench.bus.topic import V2V, vehicle_of
+from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 
 _NS = 1_000_000_000

@@ -27,9 +27,9 @@ from bench.bus.codec import Codec
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import CYCLE_MS, PLANT, V2V, Topic
+from bench.bus.topic import PLANT, V2V, Topic
+from bench.cycle import CYCLE_NS
 
-CYCLE_NS = CYCLE_MS * 1_000_000
 _NEVER = 1 << 62
 
 FRAME = np.dtype(

@@ -12,9 +12,6 @@ V2V = "v2v"
 PLANT = "plant"
 """Name of the process that all vehicles' FMUs run in."""
 
-CYCLE_MS = 10
-"""Length of a cycle in simulated ms; all messages have this cycle time."""
-
 
 def vehicle_bus(vehicle: int) -> str:
     """Name of vehicle `vehicle`'s own bus (vehicles count from 1)."""

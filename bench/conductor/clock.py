@@ -15,13 +15,13 @@ from bench.bus.codec import Codec, load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
 from bench.bus.link import open_link
 from bench.bus.ties import Ties
-from bench.bus.topic import CYCLE_MS, V2V
+from bench.bus.topic import V2V
 from bench.conductor.linux import set_real_time, wait_until
+from bench.cycle import CYCLE_NS, time_of
 
 CLOCK = "clock"
 """Name of the process."""
 
-CYCLE_NS = CYCLE_MS * 1_000_000
 
 START_NS = 50_000_000
 """From being ready to the first cycle: the conductor sets the others' priorities meanwhile."""
@@ -60,7 +60,7 @@ def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> Non
 
 def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, tuple[int, bytes]]:
     """BenchSync of a cycle on every bus."""
-    values = {"Command": RUN_REALTIME, "Cycle": cycle, "Time": cycle * CYCLE_MS / 1000}
+    values = {"Command": RUN_REALTIME, "Cycle": cycle, "Time": time_of(cycle)}
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
 
 

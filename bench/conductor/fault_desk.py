@@ -18,8 +18,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from bench.bus.fault_plan import FaultBoard, FaultPlan
 from bench.bus.fault_targets import target_problems
-from bench.bus.topic import CYCLE_MS
 from bench.conductor.seats import refuse_outages
+from bench.cycle import time_of
 from bench.errors import BadInput
 from bench.faults import Fault, kinds
 
@@ -91,7 +91,7 @@ class FaultDesk:
             target = f"{fault.kind}: {fault.target()}" if fault.target() else fault.kind
             if cycle >= window.first and (index, True) not in self._told:
                 self._told.add((index, True))
-                until = "the end" if window.end is None else f"{window.end * CYCLE_MS / 1000:g} s"
+                until = "the end" if window.end is None else f"{time_of(window.end):g} s"
                 recorder.event(cycle, "warning", "fault", f"{target} begins, until {until}")
             if window.end is not None and cycle >= window.end and (index, False) not in self._told:
                 self._told.add((index, False))
@@ -115,7 +115,7 @@ class FaultDesk:
             connection.sendall(json.dumps(answer).encode() + b"\n")
 
     def _answer(self, line: bytes, cycle: int) -> dict[str, Any]:
-        now_s = cycle * CYCLE_MS / 1000
+        now_s = time_of(cycle)
         try:
             asked = json.loads(line)
             fault = _FAULTS.validate_json(json.dumps({"at_s": now_s, **asked}))

@@ -15,12 +15,13 @@ from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import BENCH_SYNC, RUN, STOP
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.ties import Truth
-from bench.bus.topic import CYCLE_MS, PLANT
+from bench.bus.topic import PLANT
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.outages import GOES_ON_WITHOUT, Outages
 from bench.conductor.seats import Seats
+from bench.cycle import time_of
 from bench.errors import RunFailed
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
@@ -86,7 +87,7 @@ class Lockstep:
     @property
     def time_s(self) -> float:
         """Simulated time in s of the cycle under way."""
-        return self.cycle * CYCLE_MS / 1000
+        return time_of(self.cycle)
 
     def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
         """Conduct `cycles` cycles, then stop the nodes.
@@ -162,7 +163,7 @@ class Lockstep:
 
     def _sync(self, command: int, cycle: int) -> Sent:
         """Send BenchSync on all buses; return the frames, for the log."""
-        values = {"Command": command, "Cycle": cycle, "Time": cycle * CYCLE_MS / 1000}
+        values = {"Command": command, "Cycle": cycle, "Time": time_of(cycle)}
         return [self._send(bus, BENCH_SYNC, values) for bus in self._links]
 
     def _send(self, bus: str, message: str, values: Mapping[str, float]) -> tuple[str, int, bytes]:

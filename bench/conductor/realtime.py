@@ -21,7 +21,7 @@ from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.inbox import BENCH_SYNC, STOP
 from bench.bus.ties import Truth
-from bench.bus.topic import CYCLE_MS, PLANT, V2V
+from bench.bus.topic import PLANT, V2V
 from bench.conductor.clock import CLOCK, PRIORITY
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import Due, frames_due
@@ -31,12 +31,12 @@ from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.conductor.lockstep import PROGRESS_CYCLES
 from bench.conductor.outages import GOES_ON_WITHOUT, Outages
 from bench.conductor.seats import Seats
+from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
 
-CYCLE_NS = CYCLE_MS * 1_000_000
 
 PRIORITIES = {CLOCK: PRIORITY, PLANT: 70, "planner": 60, "tracker": 50}
 """SCHED_FIFO priority by role: who is waited for by more goes first. An ECU of another role has the lowest of them."""
@@ -198,12 +198,12 @@ class Realtime:
             self._keep_up(crew, recorder, min(self._newest.values()) - SETTLE_CYCLES, on_progress)
             if end_at is None and self.cycles >= cycles:
                 # The last cycle has its time like all others, and what is late is waited for as well.
-                end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_MS / 1000
+                end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_S
         sent = self._send_stop()
         self._keep_up(crew, recorder, self.cycle, on_progress)
         recorder.cycle(self.cycles, sent, (), (), ())
         if on_progress is not None:
-            on_progress(self.cycles * CYCLE_MS / 1000)
+            on_progress(time_of(self.cycles))
 
     def stop(self) -> None:
         """Tell clock and nodes to stop."""
@@ -213,7 +213,7 @@ class Realtime:
         """Send the BenchSync that ends the run on all buses; return the frames, for the log."""
         sent = []
         number = self.cycle + 1
-        values = {"Command": STOP, "Cycle": number, "Time": number * CYCLE_MS / 1000}
+        values = {"Command": STOP, "Cycle": number, "Time": time_of(number)}
         for bus, link in self._links.items():
             can_id, data = self._codecs[bus].encode(BENCH_SYNC, values, number)
             link.send(can_id, data)
@@ -316,7 +316,7 @@ class Realtime:
             self._outages.apply(self._prepared, crew)
             self._schedule(crew, recorder)
             if on_progress is not None and self._prepared % PROGRESS_CYCLES == 0:
-                on_progress(self._prepared * CYCLE_MS / 1000)
+                on_progress(time_of(self._prepared))
         for number in sorted(number for number in self._open if number <= newest):
             if self._open[number].begun:
                 self._judge(number, crew, recorder)
@@ -356,13 +356,13 @@ class Realtime:
             if self._in_a_row[name] == 1:
                 late = "sent nothing" if done is None else f"was {(done - end) / 1e6:.2f} ms late"
                 recorder.event(number, "warning", name, f"missed its deadline: {late}")
-            if self._in_a_row[name] * CYCLE_MS / 1000 > self._silence_s and not name.endswith(f".{PLANT}"):
+            if time_of(self._in_a_row[name]) > self._silence_s and not name.endswith(f".{PLANT}"):
                 text = f"{self._when()} {name} has met no deadline for {self._silence_s:g} s"
                 if not self._goes_on_without([name], crew, recorder, text):
                     raise RunFailed(text)
 
     def _when(self) -> str:
-        return f"in cycle {self.cycle} (t = {self.cycle * CYCLE_MS / 1000:.2f} s)"
+        return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"
 
     def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: "Recorder", text: str) -> bool:
         """Whether the run goes on without ECUs that have failed; if so, sees to it."""

@@ -8,14 +8,13 @@ from pathlib import Path
 from bench.bus.codec import Codec
 from bench.bus.ties import Truth
 from bench.bus.timing import BusTimeline
-from bench.bus.topic import CYCLE_MS
 from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.stage import Stage
 from bench.conductor.state_watch import StateWatch
+from bench.cycle import CYCLE_NS
 from bench.errors import RunFailed
 from bench.record.writer import RunWriter
 
-CYCLE_NS = CYCLE_MS * 1_000_000
 _LOST, _ERRORS = "FramesLost", "E2EErrors"
 
 

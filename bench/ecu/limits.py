@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from functools import cache
 
 from bench.bus.codec import DBC_DIR, Codec
-from bench.bus.topic import CYCLE_MS, Signals
-
-_CYCLE_S = CYCLE_MS / 1000
+from bench.bus.topic import Signals
+from bench.cycle import CYCLE_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +43,7 @@ def limits_of(dbc: str, message: str) -> Mapping[str, Limit]:
     for signal in Codec(DBC_DIR / dbc).message(message).signals:
         rate = signal.dbc.attributes.get("GenSigRateMax") if signal.dbc else None
         # Half a quantum may go up and half a quantum down.
-        change = float(rate.value) * _CYCLE_S + signal.scale if rate is not None and rate.value else math.inf
+        change = float(rate.value) * CYCLE_S + signal.scale if rate is not None and rate.value else math.inf
         limits[signal.name] = Limit(float(signal.minimum or 0.0), float(signal.maximum or 0.0), change)
     return limits
 

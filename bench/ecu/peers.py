@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 from bench.bus.reception import Health
 from bench.bus.states import Cause, EcuState, Manoeuvre
-from bench.bus.topic import CYCLE_MS, V2V, Signals, Topic
+from bench.bus.topic import V2V, Signals, Topic
 from bench.control.planner import Motion
+from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
-
-CYCLE_S = CYCLE_MS / 1000
 
 RECOVERY_CYCLES = 20
 """Cycles in a row that a vehicle must be heard and plausible before it is trusted again."""

@@ -9,10 +9,11 @@ from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.control.settings import PlannerSettings
+from bench.cycle import CYCLE_S
 from bench.ecu.following import Following
 from bench.ecu.peers import PeerWatch, broadcast
 from bench.ecu.plausibility import OwnMotion
-from bench.scenario import CYCLE_S, Scenario
+from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 
 WAIT_CYCLES = 10

@@ -20,11 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.bus.states import Cause
-from bench.bus.topic import CYCLE_MS, Signals
+from bench.bus.topic import Signals
+from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
 from platoon_fmu.parameters import VehicleParameters
-
-CYCLE_S = CYCLE_MS / 1000
 
 RECOVERY_CYCLES = 20
 """Cycles in a row that a signal must agree with the others before it is believed again."""

@@ -10,7 +10,8 @@ from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
-from bench.bus.topic import CYCLE_MS, Topic
+from bench.bus.topic import Topic
+from bench.cycle import time_of
 from bench.ecu.base import Ecu
 from bench.errors import BadInput
 
@@ -126,7 +127,7 @@ class EcuNode:
         inputs = self._inbox.take()
         not_numbers = self._not_numbers()
         sent = set()
-        for outgoing in self._ecu.step(cycle, cycle * CYCLE_MS / 1000, inputs, self._inbox.health):
+        for outgoing in self._ecu.step(cycle, time_of(cycle), inputs, self._inbox.health):
             sent.add((outgoing.bus, outgoing.message))
             self._outbox.put(outgoing.bus, outgoing.message, outgoing.values)
         for topic in self._diagnostics:

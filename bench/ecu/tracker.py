@@ -15,9 +15,10 @@ from bench.control.semidefinite import SolverStatus
 from bench.control.settings import TrackerSettings
 from bench.control.slow_down import slow_down
 from bench.control.tracker import GainSource, Tracker, TrackerOutput
+from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
 from bench.ecu.plausibility import OwnMotion, OwnState
-from bench.scenario import CYCLE_S, Scenario
+from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 
 Reference = tuple[float, float]

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 from bench.bus.codec import DBC_DIR, Codec
 from bench.bus.states import ActuatorState, CommandState
-from bench.bus.topic import CYCLE_MS, Signals
+from bench.bus.topic import Signals
+from bench.cycle import CYCLE_S
 
 STEERING = "SteeringCommand"
 TORQUES_FRONT = "TorqueCommandFront"
@@ -76,6 +77,6 @@ class Actuators:
         self.state = ActuatorState.HOLD
         if self.held_cycles > self._hold_cycles:
             self.state = ActuatorState.SAFE
-            step = CENTRING_RADPS * CYCLE_MS / 1000
+            step = CENTRING_RADPS * CYCLE_S
             angle = self.applied.steering_angle
             self.applied = replace(Applied(), steering_angle=angle - min(max(angle, -step), step))

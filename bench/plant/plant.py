@@ -14,7 +14,8 @@ from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
-from bench.bus.topic import CYCLE_MS, Signals, Topic, vehicle_bus
+from bench.bus.topic import Signals, Topic, vehicle_bus
+from bench.cycle import CYCLE_S, time_of
 from bench.plant.actuators import COMMANDS, STEERING, TORQUES_FRONT, TORQUES_REAR, Actuators
 from bench.plant.description import FmuDescription
 from bench.plant.faults import VehicleFaults
@@ -161,9 +162,9 @@ class VehicleNode:
         commands = self._inbox.take()
         self._actuators.take({name: commands[topic] for name, topic in self._commands.items()})
         self._applied = self._faults.on_actuators(cycle, self._actuators.applied)
-        time_s = cycle * CYCLE_MS / 1000
+        time_s = time_of(cycle)
         values = self._faults.on_road(cycle, self._acting(time_s))
-        self._fmu.step(time_s, CYCLE_MS / 1000, [values[name] for name in self._inputs])
+        self._fmu.step(time_s, CYCLE_S, [values[name] for name in self._inputs])
         self._step_us = (time.perf_counter() - started) * 1e6
 
     def _acting(self, time_s: float) -> dict[str, float]:

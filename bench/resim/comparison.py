@@ -6,7 +6,8 @@ from itertools import zip_longest
 
 from bench.bus.codec import DecodeError
 from bench.bus.e2e import CRC_SIGNAL
-from bench.bus.topic import CYCLE_MS, Signals, Topic
+from bench.bus.topic import Signals, Topic
+from bench.cycle import time_of
 from bench.record.compare import SignalDifference
 from bench.resim.recording import EcuLog, Frame
 from bench.resim.rerun import Step
@@ -182,4 +183,4 @@ def _frames(count: int, *, logged: bool) -> str:
 
 
 def _seconds(cycle: int) -> float:
-    return cycle * CYCLE_MS / 1000
+    return time_of(cycle)

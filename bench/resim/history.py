@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 from pydantic import TypeAdapter, ValidationError
 
-from bench.bus.topic import CYCLE_MS
 from bench.conductor.fault_desk import ASKED_FOR
 from bench.conductor.outages import GOES_ON_WITHOUT
+from bench.cycle import CYCLE_MS
 from bench.faults import Fault
 from bench.record.reader import Run
 

@@ -5,8 +5,9 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from bench.bus.topic import CYCLE_MS, Topic
+from bench.bus.topic import Topic
 from bench.conductor.crew import Ended
+from bench.cycle import time_of
 from bench.ecu.runtime import SentNaN
 from bench.errors import BadInput, BenchError
 from bench.faults import Fault
@@ -112,7 +113,7 @@ def work(job: Job, limit: StepLimit) -> Outcome:
             finally:
                 steps = rerun.steps
     except Ended as failure:
-        error = f"after {comparison.cycles * CYCLE_MS / 1000:.3f} s {failure}{_where(failure)}"
+        error = f"after {time_of(comparison.cycles):.3f} s {failure}{_where(failure)}"
     except BenchError as failure:
         error, bad_input = str(failure), isinstance(failure, BadInput)
     except Exception as failure:  # noqa: BLE001 - of whoever wrote the class; the others go on

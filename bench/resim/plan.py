@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from importlib import metadata
 
 from bench.bus.codec import DBC_DIR, Codec, load_codecs
-from bench.bus.topic import CYCLE_MS
 from bench.conductor.seats import Seat
 from bench.conductor.stage import BY_HAND
+from bench.cycle import time_of
 from bench.ecu.main import DEFAULT_ECUS, load_classes, sends_of
 from bench.errors import BadInput, RunFailed
 from bench.record.reader import Run
@@ -170,11 +170,10 @@ def _notes(run: Run, history: History, jobs: Sequence[Job], *, realtime: bool) -
         notes.append(f"{lost} frames were lost in this run: who lost them cannot have answered to them")
     cut = min((job.log.end for job in jobs if not job.log.whole), default=None)
     if cut is not None:
-        notes.append(f"the log is not whole: compared up to {cut * CYCLE_MS / 1000:.2f} s")
+        notes.append(f"the log is not whole: compared up to {time_of(cut):.2f} s")
     failed = {job.name: history.ended[job.name] for job in jobs if job.name in history.ended}
     notes += [
-        f"{name} failed in the run, compared up to there: {cycle * CYCLE_MS / 1000:.2f} s"
-        for name, cycle in failed.items()
+        f"{name} failed in the run, compared up to there: {time_of(cycle):.2f} s" for name, cycle in failed.items()
     ]
     notes += [f"{name} {then} in the log's run, {now} here" for name, then, now in _versions(run) if then != now]
     return notes

@@ -12,13 +12,12 @@ from bench.bus.codec import Codec
 from bench.bus.e2e import check
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME, STOP
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import CYCLE_MS, Topic
+from bench.bus.topic import Topic
 from bench.conductor.seats import Seat
+from bench.cycle import CYCLE_NS
 from bench.ecu.main import buses_of, sends_of
 from bench.faults import BabblingIdiot, Fault
 from bench.record.reader import Run
-
-CYCLE_NS = CYCLE_MS * 1_000_000
 
 Frame = tuple[str, int, bytes]
 """Bus, identifier and data."""

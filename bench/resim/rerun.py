@@ -18,11 +18,12 @@ from bench.bus.fault_plan import FaultPlan
 from bench.bus.node import Node
 from bench.bus.outbox import is_off
 from bench.bus.ties import Truth
-from bench.bus.topic import CYCLE_MS, Topic
+from bench.bus.topic import Topic
 from bench.conductor.direct import DirectCrew
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.outages import Outages
 from bench.conductor.realtime import SETTLE_CYCLES
+from bench.cycle import time_of
 from bench.ecu.main import load_class, sends_of
 from bench.ecu.runtime import EcuNode
 from bench.faults import EcuCrash, EcuHang, Fault
@@ -199,6 +200,6 @@ class Rerun:
         sent: list[Frame] = []
         # First with the cycle just begun, then with its time for waiting over.
         for now in (cycle, cycle + 1):
-            self._now_s = now * CYCLE_MS / 1000
+            self._now_s = time_of(now)
             sent += self._work()
         return sent

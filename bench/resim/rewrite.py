@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from bench.bus.timing import BusTimeline
-from bench.bus.topic import CYCLE_MS, Topic
+from bench.bus.topic import Topic
+from bench.cycle import CYCLE_NS
 from bench.ecu.main import load_class, sends_of
 from bench.errors import RunFailed
 from bench.record.can_frame import Frame
@@ -24,8 +25,6 @@ from bench.record.writer import RunWriter
 from bench.resim.comparison import Pair
 from bench.resim.job import Outcome
 from bench.resim.plan import RESIMULATED, Plan, class_in
-
-CYCLE_NS = CYCLE_MS * 1_000_000
 
 _FRAMES, _TRUTH, _EVENTS = range(3)
 """What comes first of all that has one time."""

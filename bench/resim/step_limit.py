@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing.sharedctypes import RawValue
 
-from bench.bus.topic import CYCLE_MS
+from bench.cycle import time_of
 
 _MAKING = -1
 
@@ -43,4 +43,4 @@ class StepLimit:
         cycle = self._cycle.value
         if cycle == _MAKING:
             return f"hangs in its making, which did not end within {self._seconds:g} s"
-        return f"hangs in cycle {cycle} (t = {cycle * CYCLE_MS / 1000:.3f} s): no end within {self._seconds:g} s"
+        return f"hangs in cycle {cycle} (t = {time_of(cycle):.3f} s): no end within {self._seconds:g} s"

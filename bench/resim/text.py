@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec, DecodeError
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
-from bench.bus.topic import CYCLE_MS, V2V
+from bench.bus.topic import V2V
+from bench.cycle import time_of
 from bench.record.meaning import value_text
 from bench.resim.comparison import First
 from bench.resim.job import Outcome
@@ -28,7 +29,7 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
     elif outcome.first is None:
         yield f"{outcome.name}: within the tolerance: {outcome.differing} of {there} differ"
     else:
-        since = outcome.first.cycle * CYCLE_MS / 1000
+        since = time_of(outcome.first.cycle)
         within = outcome.differing - outcome.beyond
         more = f", {within} more within the tolerance" if within else ""
         yield f"{outcome.name}: DIFFERENT from {since:.3f} s on: {outcome.beyond} of {there}{more}"

@@ -2,10 +2,9 @@
 
 from bench.profile import Constant, Profile, Sine, Step
 from bench.scenario.loading import SCENARIO_DIR, load, shipped
-from bench.scenario.model import CYCLE_S, Platoon, Road, Scenario, Vehicle
+from bench.scenario.model import Platoon, Road, Scenario, Vehicle
 
 __all__ = [
-    "CYCLE_S",
     "SCENARIO_DIR",
     "Constant",
     "Platoon",

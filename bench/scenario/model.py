@@ -14,14 +14,11 @@ import tomli_w
 from pydantic import BaseModel, Field, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
-from bench.bus.topic import CYCLE_MS
 from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
+from bench.cycle import CYCLE_S
 from bench.errors import BadInput
 from bench.faults import Fault
 from bench.profile import STRICT, Profile, Within, constant
-
-CYCLE_S = CYCLE_MS / 1000
-"""One cycle of the bench (s): sensors, references and commands are exchanged once in it."""
 
 LEAST_START_DISTANCE_M = 4.0
 """Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""

@@ -8,11 +8,11 @@ import pytest
 from bench.bus.address import Address
 from bench.bus.codec import load_codecs
 from bench.conductor.run import run
+from bench.cycle import CYCLE_S
 from bench.record import Run, RunWriter
 from bench.scenario import load
 
 TRUTH_NAMES = ("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "mu")
-CYCLE_S = 0.01
 LANE_Y, SPEED, GAP = 7.0, 20.0, 10.0
 
 

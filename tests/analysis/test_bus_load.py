@@ -12,7 +12,8 @@ from bench.analysis.figures import Figures
 from bench.analysis.report import render
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
-from bench.bus.timing import CYCLE_NS, BusTimeline
+from bench.bus.timing import BusTimeline
+from bench.cycle import CYCLE_NS
 from bench.record import Run
 from bench.record.drawing import colour
 from bench.record.writer import RunWriter

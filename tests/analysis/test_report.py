@@ -17,10 +17,11 @@ from bench.analysis.page_data import live_data, page_data
 from bench.analysis.report import render, render_both, render_live, write
 from bench.analysis.series import MAX_POINTS, held
 from bench.cli.main import app
+from bench.cycle import CYCLE_S
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run
 
-from .conftest import CYCLE_S, Motions
+from .conftest import Motions
 
 PAPER = {
     "fig7": "Motion trails",

@@ -7,11 +7,11 @@ import pytest
 from bench.analysis.timing import LONGEST_MS, histograms, timing
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME, STOP
+from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 from bench.record import Run, RunWriter
 
 CODECS = load_codecs(1)
-CYCLE_NS = 10_000_000
 START_NS = 1_700_000_000_000_000_000
 CYCLES = 8
 CLOCK_LATE_NS = {3: 400_000}

@@ -29,6 +29,7 @@ from bench.conductor.recorder import Recorder
 from bench.conductor.run import run
 from bench.conductor.seats import Seats
 from bench.conductor.stage import Stage
+from bench.cycle import CYCLE_NS
 from bench.ecu.main import load_class
 from bench.errors import RunFailed
 from bench.plant.description import read_description
@@ -39,7 +40,6 @@ from platoon_fmu.build import default_fmu
 CODECS = load_codecs(1)
 DUE = frames_due(CODECS, 1)
 BUSES = ("v2v", "veh1")
-CYCLE_NS = 10_000_000
 MS = 1_000_000
 START_NS = 1_700_000_000_000_000_000
 NODES = ("veh1.plant", "veh1.planner", "veh1.tracker")

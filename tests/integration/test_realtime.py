@@ -19,7 +19,6 @@ from bench.scenario import load
 
 SIMPLE_FILE = Path(__file__).parents[1] / "ecus" / "simple.py"
 SIMPLE = {"planner": f"{SIMPLE_FILE}:CruisePlanner", "tracker": f"{SIMPLE_FILE}:SpeedTracker"}
-CYCLE_NS = 10_000_000
 
 
 def realtime(out: Path, *overrides: str, can: str = "udp", faults: str = "") -> tuple[RunResult, Run]:

@@ -8,13 +8,13 @@ import pytest
 from bench.bus.address import Address
 from bench.bus.codec import load_codecs
 from bench.conductor.run import run
+from bench.cycle import CYCLE_NS
 from bench.record import RunWriter
 from bench.scenario import load
 
 VEHICLES = 2
 TRUTH_NAMES = ("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "F_z_fl")
 SCENARIO = b"[platoon]\nlane_y_m = 7.0\n[[vehicles]]\ny_m = 0.0\n[[vehicles]]\ny_m = 3.5\n"
-CYCLE_NS = 10_000_000
 
 
 class Recorded:

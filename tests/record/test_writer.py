@@ -16,11 +16,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from bench.bus.codec import DecodeError
+from bench.cycle import CYCLE_NS
 from bench.errors import RunFailed
 from bench.record import Run
 from bench.record.process_usage import ProcessUsage
 
-from .conftest import CYCLE_NS, TRUTH_NAMES, open_writer, same_double
+from .conftest import TRUTH_NAMES, open_writer, same_double
 
 ROOT = Path(__file__).parents[2]
 

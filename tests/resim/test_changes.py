@@ -5,6 +5,7 @@ import resource
 import pytest
 
 from bench.bus.codec import load_codecs
+from bench.cycle import CYCLE_NS
 from bench.errors import BadInput, RunFailed
 from bench.record.compare import diff
 from bench.record.reader import Run
@@ -18,7 +19,6 @@ from tests.resim.controllers import CYCLE, NUDGE_RAD
 FIVE = FOLDER / "five.mcap"
 CODECS = load_codecs(5)
 STEERING, FRONT, MOTION = 0x300, 0x301, 0x102
-CYCLE_NS = 10_000_000
 
 
 def changed(name):

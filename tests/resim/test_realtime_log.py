@@ -5,6 +5,7 @@ import pytest
 from bench.bus.codec import load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
 from bench.bus.topic import Topic
+from bench.cycle import CYCLE_NS
 from bench.record.reader import Run
 from bench.resim.plan import make_plan
 from bench.resim.rewrite import write
@@ -13,7 +14,6 @@ from tests.resim.conftest import rerun
 
 CODECS = load_codecs(5)
 SYNC_ID, REFERENCE_ID = 0x10, 0x200
-CYCLE_NS = 10_000_000
 BEGAN_NS = 1_700_000_000_000_000_000
 ENDED_ID = 0
 """Command of the BenchSync that ends a run."""
