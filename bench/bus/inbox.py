@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.outbox import BENCH_ABSENT, is_off
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.topic import Signals, Topic
 from bench.cycle import time_of
 from bench.errors import BadInput
+from bench.faults.plan import FaultPlan
 
 BENCH_SYNC = "BenchSync"
 STOP = 0

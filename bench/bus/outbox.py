@@ -13,11 +13,10 @@ from typing import NamedTuple
 from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
-from bench.bus.fault_plan import FaultPlan, hits
 from bench.bus.topic import V2V, Signals, vehicle_of
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput
-from bench.faults import (
+from bench.faults.kinds import (
     BabblingIdiot,
     BusOff,
     CounterStuck,
@@ -33,6 +32,7 @@ from bench.faults import (
     SignalStuck,
     V2VOutage,
 )
+from bench.faults.plan import FaultPlan, hits
 
 BENCH_ABSENT = "BenchAbsent"
 LARGEST_FRAME_BITS = 135

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
-from bench.bus.fault_plan import FaultBoard
 from bench.bus.topic import Topic
+from bench.faults.plan import FaultBoard
 
 _HEAD = struct.Struct("<BxH")
 _TRUTH = struct.Struct("<HxxI")

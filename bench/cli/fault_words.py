@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from bench.errors import BadInput
-from bench.faults import kinds
+from bench.faults.kinds import kinds
 from bench.scenario.errors import closest
 
 

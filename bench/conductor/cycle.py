@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.topic import PLANT, V2V, Topic
 from bench.ecu.main import ecu_name
+from bench.faults.plan import FaultPlan
 
 _CONDUCTOR = "Conductor"
 _VEHICLE = "Vehicle"

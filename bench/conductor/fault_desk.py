@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from bench.bus.fault_plan import FaultBoard, FaultPlan
-from bench.bus.fault_targets import target_problems
 from bench.conductor.seats import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
-from bench.faults import Fault, kinds
+from bench.faults.kinds import Fault, kinds
+from bench.faults.plan import FaultBoard, FaultPlan
+from bench.scenario.fault_targets import target_problems
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder

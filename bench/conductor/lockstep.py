@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import BENCH_SYNC, RUN, STOP
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.ties import Truth
@@ -23,6 +22,7 @@ from bench.conductor.outages import GOES_ON_WITHOUT, Outages
 from bench.conductor.seats import Seats
 from bench.cycle import time_of
 from bench.errors import RunFailed
+from bench.faults.plan import FaultPlan
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder

@@ -2,9 +2,9 @@
 
 from enum import Enum
 
-from bench.bus.fault_plan import FaultPlan
 from bench.conductor.crew import Crew
-from bench.faults import EcuCrash, EcuHang
+from bench.faults.kinds import EcuCrash, EcuHang
+from bench.faults.plan import FaultPlan
 
 GOES_ON_WITHOUT = "; the run goes on without "
 """How the event of an ECU's failure says, before their names, who is missing from there on."""

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from bench.bus.address import Address, settle
 from bench.bus.codec import load_codecs
-from bench.bus.fault_plan import FaultBoard, FaultPlan
 from bench.bus.link import LinkError, open_link
 from bench.bus.schedulability import check_load
 from bench.conductor.fault_desk import FaultDesk
@@ -22,6 +21,7 @@ from bench.conductor.seats import Seats, free_seats, refuse_outages
 from bench.conductor.stage import Stage
 from bench.ecu.main import DEFAULT_ECUS, load_class
 from bench.errors import BadInput, RunFailed
+from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
 from bench.scenario import Scenario
 from platoon_fmu.build import default_fmu

@@ -16,7 +16,7 @@ from bench.conductor.crew import Crew
 from bench.conductor.cycle import Due, frames_due
 from bench.ecu.main import DEFAULT_ECUS, buses_of, ecu_name
 from bench.errors import BadInput, RunFailed
-from bench.faults import EcuCrash, EcuHang, Fault
+from bench.faults.kinds import EcuCrash, EcuHang, Fault
 
 Frames = Sequence[tuple[int, bytes]]
 

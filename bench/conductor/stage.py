@@ -15,7 +15,6 @@ from pathlib import Path
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import DBC_DIR, Codec
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import Node
 from bench.bus.ties import Truth
@@ -25,6 +24,7 @@ from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew, Maker
 from bench.conductor.interrupts import Interrupts
 from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
+from bench.faults.plan import FaultPlan
 from bench.plant.description import FmuDescription
 from bench.scenario import Scenario
 

@@ -12,7 +12,6 @@ from typing import Any
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
@@ -21,6 +20,7 @@ from bench.ecu.alone import await_bench
 from bench.ecu.base import Ecu
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
+from bench.faults.plan import FaultPlan
 from bench.scenario import Scenario
 
 DEFAULT_ECUS: Mapping[str, str] = {

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
@@ -14,6 +13,7 @@ from bench.bus.topic import Topic
 from bench.cycle import time_of
 from bench.ecu.base import Ecu
 from bench.errors import BadInput
+from bench.faults.plan import FaultPlan
 
 INPUT_WAIT_S = 0.005
 """In real time, how long after BenchSync an ECU waits for its inputs, if its class has no `input_wait_s`."""

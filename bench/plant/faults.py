@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from bench.bus.fault_plan import FaultPlan
-from bench.faults import ActuatorStuck, IcePatch, TyreBlowout
+from bench.faults.kinds import ActuatorStuck, IcePatch, TyreBlowout
+from bench.faults.plan import FaultPlan
 from bench.plant.actuators import Applied
 
 _FIELDS = {"steering": "steering_angle"}

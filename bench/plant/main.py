@@ -7,11 +7,11 @@ from pathlib import Path
 from bench.bus.address import Address
 from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
 from bench.bus.topic import PLANT, vehicle_bus
+from bench.faults.plan import FaultPlan
 from bench.plant.description import read_description
 from bench.plant.fmu import FmuInstance, unpack
 from bench.plant.plant import TruthSink, VehicleNode, start_values

@@ -10,12 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 from bench.bus.base import Link
 from bench.bus.codec import Codec
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.inbox import Inbox
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
 from bench.bus.topic import Signals, Topic, vehicle_bus
 from bench.cycle import CYCLE_S, time_of
+from bench.faults.plan import FaultPlan
 from bench.plant.actuators import COMMANDS, STEERING, TORQUES_FRONT, TORQUES_REAR, Actuators
 from bench.plant.description import FmuDescription
 from bench.plant.faults import VehicleFaults

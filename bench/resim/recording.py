@@ -16,7 +16,7 @@ from bench.bus.topic import Topic
 from bench.conductor.seats import Seat
 from bench.cycle import CYCLE_NS
 from bench.ecu.main import buses_of, sends_of
-from bench.faults import BabblingIdiot, Fault
+from bench.faults.kinds import BabblingIdiot, Fault
 from bench.record.reader import Run
 
 Frame = tuple[str, int, bytes]

@@ -14,7 +14,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from bench.bus.direct import DirectLink, Hub
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.node import Node
 from bench.bus.outbox import is_off
 from bench.bus.ties import Truth
@@ -26,7 +25,8 @@ from bench.conductor.realtime import SETTLE_CYCLES
 from bench.cycle import time_of
 from bench.ecu.main import load_class, sends_of
 from bench.ecu.runtime import EcuNode
-from bench.faults import EcuCrash, EcuHang, Fault
+from bench.faults.kinds import EcuCrash, EcuHang, Fault
+from bench.faults.plan import FaultPlan
 from bench.resim.realtime_log import Feed, Naming
 from bench.resim.recording import EcuLog, Frame
 from bench.resim.step_limit import StepLimit

@@ -1,6 +1,6 @@
 """What a run depends on: `load` reads a scenario, `Scenario` is one, `shipped` names those that come with the bench."""
 
-from bench.profile import Constant, Profile, Sine, Step
+from bench.faults.profile import Constant, Profile, Sine, Step
 from bench.scenario.loading import SCENARIO_DIR, load, shipped
 from bench.scenario.model import Platoon, Road, Scenario, Vehicle
 

@@ -10,7 +10,7 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from bench.faults import kinds
+from bench.faults.kinds import kinds
 
 Path = tuple[str | int, ...]
 

@@ -17,8 +17,8 @@ from pydantic_core import PydanticCustomError
 from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
 from bench.cycle import CYCLE_S
 from bench.errors import BadInput
-from bench.faults import Fault
-from bench.profile import STRICT, Profile, Within, constant
+from bench.faults.kinds import Fault
+from bench.faults.profile import STRICT, Profile, Within, constant
 
 LEAST_START_DISTANCE_M = 4.0
 """Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""
@@ -183,7 +183,7 @@ class Scenario(BaseModel):
         if not self.faults:
             return []
         # Only faults need the DBC files, which take a while to read.
-        from bench.bus.fault_targets import target_problems
+        from bench.scenario.fault_targets import target_problems
 
         return [
             (("faults", index, *key), text)

@@ -7,11 +7,10 @@ import pytest
 from bench.bus import e2e
 from bench.bus.address import Address
 from bench.bus.codec import load_codecs
-from bench.bus.fault_plan import FaultBoard, FaultPlan
 from bench.bus.link import open_link
 from bench.bus.outbox import LARGEST_FRAME_BITS, Outbox
 from bench.errors import BadInput
-from bench.faults import (
+from bench.faults.kinds import (
     BabblingIdiot,
     BusOff,
     CounterStuck,
@@ -29,6 +28,7 @@ from bench.faults import (
     SignalStuck,
     V2VOutage,
 )
+from bench.faults.plan import FaultBoard, FaultPlan
 
 CODECS = load_codecs(2)
 CODEC = CODECS["veh1"]

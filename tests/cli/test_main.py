@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.faults import kinds
+from bench.faults.kinds import kinds
 from bench.scenario import load, shipped
 
 SHORT = ["--can", "direct", "--set", "duration_s=0.2"]

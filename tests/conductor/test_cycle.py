@@ -3,10 +3,10 @@
 import pytest
 
 from bench.bus.codec import load_codecs
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.topic import Topic
 from bench.conductor.cycle import CycleFrames, frames_due
-from bench.faults import FrameDuplicate
+from bench.faults.kinds import FrameDuplicate
+from bench.faults.plan import FaultPlan
 
 VEHICLES = 2
 CODECS = load_codecs(VEHICLES)

@@ -14,7 +14,6 @@ from bench.analysis.timing import NodeTiming, Timing, timing
 from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR, load_codecs
 from bench.bus.direct import DirectLink, Hub
-from bench.bus.fault_plan import FaultBoard, FaultPlan
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
 from bench.bus.link import open_link
 from bench.bus.outbox import BENCH_ABSENT
@@ -32,6 +31,7 @@ from bench.conductor.stage import Stage
 from bench.cycle import CYCLE_NS
 from bench.ecu.main import load_class
 from bench.errors import RunFailed
+from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
 from bench.record import Run, RunWriter
 from bench.scenario import load

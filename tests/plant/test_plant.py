@@ -10,9 +10,9 @@ import pytest
 
 from bench.bus.address import Address
 from bench.bus.codec import load_codecs
-from bench.bus.fault_plan import FaultPlan
 from bench.bus.link import open_link
 from bench.errors import BadInput, RunFailed
+from bench.faults.plan import FaultPlan
 from bench.plant.description import read_description
 from bench.plant.fmu import FmuInstance, unpack
 from bench.plant.main import make_nodes

@@ -1,7 +1,7 @@
 """Whether what a fault is done to exists: vehicles, messages, signals."""
 
 from bench.bus.codec import bus_names, load_codecs
-from bench.faults import SENSOR_FAULTS, Fault
+from bench.faults.kinds import SENSOR_FAULTS, Fault
 
 Problem = tuple[tuple[str, ...], str]
 """Path of a key of the fault, and what is wrong with its value."""

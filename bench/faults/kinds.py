@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, Field
 
-from bench.profile import STRICT
+from bench.faults.profile import STRICT
 
 BusName = Annotated[str, Field(pattern=r"^(v2v|veh[1-9][0-9]?)$")]
 EcuName = Annotated[str, Field(pattern=r"^veh[1-9][0-9]?\.(planner|tracker)$")]

@@ -16,7 +16,7 @@ from random import Random
 from pydantic import TypeAdapter
 
 from bench.cycle import CYCLE_S
-from bench.faults import Fault, FrameDuplicate, FrameReorder, Window
+from bench.faults.kinds import Fault, FrameDuplicate, FrameReorder, Window
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
 _HEAD = struct.Struct("<II")
