@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.analysis.metrics import formation_time
 from bench.analysis.motion import Array, Motion, motion
-from bench.errors import BadInput
+from bench.files import write_text
 from bench.record import Run
 from bench.record.drawing import BODY, colour, lane_edges
 
@@ -37,10 +37,7 @@ def write_svg(run: Run, out: Path, *, moments: int = 6) -> None:
     Raises:
         BadInput: the log has no truth or no scenario, or the file cannot be written.
     """
-    try:
-        out.write_text(snapshots(run, moments=moments), encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"cannot write the picture {out}: {error.strerror or error}") from error
+    write_text(out, snapshots(run, moments=moments))
 
 
 def snapshots(run: Run, *, moments: int = 6) -> str:

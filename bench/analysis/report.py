@@ -19,7 +19,7 @@ from bench.analysis.page_data import PageData, live_data, page_data
 from bench.analysis.picture import snapshots
 from bench.analysis.two_runs import together
 from bench.errors import BadInput
-from bench.output_paths import write_report
+from bench.files import write_text
 from bench.record import Run
 from bench.record.compare import SignalDifference
 
@@ -37,7 +37,7 @@ def write(run: Run, out: Path, other: Run | None = None, signals: Sequence[Signa
     Raises:
         BadInput: a log has no truth or no scenario, or the file cannot be written.
     """
-    write_report(out, render(run) if other is None else render_both(run, other, signals))
+    write_text(out, render(run) if other is None else render_both(run, other, signals))
 
 
 def render(run: Run) -> str:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.record.container import MESSAGE, McapFile
-from bench.record.file_scan import ScannedFile, message_heads
+from bench.mcap.container import MESSAGE, McapFile
+from bench.mcap.scan import ScannedFile, message_heads
 
 _TIMES = ("log_time", "publish_time")
 

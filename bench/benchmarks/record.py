@@ -23,10 +23,10 @@ from bench.benchmarks.long_log import repeat
 from bench.benchmarks.loop import record as make_run
 from bench.bus.codec import load_codecs
 from bench.bus.timing import BusTimeline
+from bench.mcap.time_span import NS, Span
 from bench.record.can_frame import NAME, SCHEMA, Frame
 from bench.record.layout import message_class
 from bench.record.reader import Run
-from bench.record.time_span import NS, Span
 from bench.record.writer import RunWriter
 
 PERIOD_S = 10

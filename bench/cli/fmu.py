@@ -132,7 +132,7 @@ def report(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
 ) -> None:
     """Validate an FMU's physics: drive standard manoeuvres, write one HTML file of what came of them."""
-    from bench.output_paths import check_report, write_report
+    from bench.files import check_report, write_text
 
     path = fmu or vehicle_fmu()
     target = out or path.with_suffix(".html")
@@ -143,7 +143,7 @@ def report(
         found = report_of(path)
     except FmuError as error:
         raise BadInput(str(error)) from error
-    write_report(target, found.page)
+    write_text(target, found.page)
     typer.echo(str(target))
     for figure in found.missed:
         typer.echo(f"platoon: missed: {figure.name}", err=True)

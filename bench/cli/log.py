@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import BadInput
-from bench.output_paths import readable_log
+from bench.files import readable_log
 
 if TYPE_CHECKING:
     from bench.record.exchange import Format
@@ -192,7 +192,7 @@ def recover(
     ] = None,
 ) -> None:
     """Make a clean log of all that is whole in a broken one, and say what was lost."""
-    from bench.record.recover import recover as recovered
+    from bench.mcap.recover import recover as recovered
 
     target = out or log.with_name(f"{log.stem}-recovered.mcap")
     done = recovered(readable_log(log), target)

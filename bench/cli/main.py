@@ -21,7 +21,7 @@ from bench.cli.log import log_app
 from bench.cli.replay import add_replay
 from bench.cli.resim import add_resim
 from bench.errors import BadInput, BenchError
-from bench.output_paths import check_directory, check_report, check_suffix, readable_log
+from bench.files import check_directory, check_new, check_report, readable_log
 from platoon_fmu.errors import FmuError
 
 if TYPE_CHECKING:
@@ -460,12 +460,9 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
         # With milliseconds, so that runs started together get a log each.
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
         return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
-    check_suffix(out, ".mcap")
-    check_directory(out)
-    targets = [out, _report_path(out)] if with_report else [out]
-    for target in targets:
-        if os.path.lexists(target):
-            raise BadInput(f"{target} is there already; give another --out, or remove it")
+    check_new(out, ".mcap", option="--out")
+    if with_report:
+        check_new(_report_path(out), ".html", option="--out")
     try:
         out.touch(exist_ok=False)
         out.unlink()

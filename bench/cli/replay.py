@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.errors import BadInput
-from bench.output_paths import readable_log
+from bench.files import readable_log
 
 if TYPE_CHECKING:
     from bench.replay.player import Played

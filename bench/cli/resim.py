@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from bench.errors import BadInput
-from bench.output_paths import readable_log
+from bench.files import readable_log
 
 EXIT_CODES = "Exit codes: 0 they send the same, 1 not, or one never ran or failed, 2 bad input, or no room for -o."
 STEP_LIMIT_S = 30.0
@@ -58,7 +58,7 @@ def resim(
         raise BadInput(f"--step-limit {step_limit:g}: want a number of seconds from 0.1 to 3600")
     readable_log(log)
     if out is not None:
-        from bench.record.exchange.aside import check_new
+        from bench.files import check_new
 
         check_new(out, ".mcap")
     plan = make_plan(Run(log), ecu or (), every=every, classes=spec or (), tolerances=tolerance or ())

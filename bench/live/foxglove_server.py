@@ -19,8 +19,8 @@ from foxglove.websocket import Capability, ChannelView, Client, ServerListener, 
 from mcap.records import Channel, Schema
 
 from bench.errors import BadInput
-from bench.record.container import MESSAGE, MESSAGE_FIELDS
-from bench.record.file_scan import ScannedFile, message_heads
+from bench.mcap.container import MESSAGE, MESSAGE_FIELDS
+from bench.mcap.scan import ScannedFile, message_heads
 
 BACKLOG = 1 << 15
 """Messages that may wait for a viewer: some 3 MB, the messages of three vehicles in 3 s."""

@@ -1,7 +1,7 @@
 """How much of a log that is being written is complete, though its writer may be in the midst of it.
 
 The recorder writes chunks of some half second at once, group by group of channels: raw frames, signals, truth and so on
-(`bench.record.chunking`). Only up to where all groups have been written is a time told of in full.
+(`bench.mcap.chunking`). Only up to where all groups have been written is a time told of in full.
 """
 
 from __future__ import annotations

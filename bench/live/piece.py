@@ -23,7 +23,7 @@ from mcap.records import (
     Statistics,
 )
 
-from bench.record.container import MAGIC
+from bench.mcap.container import MAGIC
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII")

@@ -20,7 +20,7 @@ from bench.live.foxglove_server import FoxgloveServer
 from bench.live.page import LivePage
 from bench.live.page_server import PageServer
 from bench.live.tail import Tail
-from bench.record.file_scan import ScannedFile
+from bench.mcap.scan import ScannedFile
 
 POLL_S = 0.25
 """How often the log is looked at (s)."""

@@ -20,7 +20,7 @@ from mcap.opcode import Opcode
 from bench.errors import BadInput
 from bench.live.groups import ChannelGroups
 from bench.live.piece import write_piece
-from bench.record.container import INDEX_ENTRY, MAGIC
+from bench.mcap.container import INDEX_ENTRY, MAGIC
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import BadInput
-from bench.record.time_span import NS, Span
+from bench.mcap.time_span import NS, Span
 
 
 class Columns(dict[str, npt.NDArray[Any]]):

@@ -16,9 +16,9 @@ import numpy.typing as npt
 
 from bench.bus.e2e import CRC_SIGNAL
 from bench.errors import BadInput
+from bench.mcap.time_span import NS
 from bench.record.meaning import Meaning, meanings
 from bench.record.reader import Columns, Run
-from bench.record.time_span import NS
 
 # What makes two frames the same.
 _COMPARED = ("time", "can_id", "length", "data")

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import BadInput
+from bench.mcap.blocks import Part
 from bench.record import can_frame
-from bench.record.blocks import Part
 from bench.record.topic_decoder import TopicDecoder
 
 FRAME_TABLE = np.dtype(

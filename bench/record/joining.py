@@ -13,9 +13,9 @@ import numpy.typing as npt
 import polars as pl
 
 from bench.errors import BadInput
+from bench.mcap.time_span import FOREVER_NS, NS, Span, to_ns
 from bench.record.catalogue import Place
 from bench.record.columns import Columns
-from bench.record.time_span import FOREVER_NS, NS, Span, to_ns
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import TopicReader
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bench.mcap.recovered import Recovery
+from bench.mcap.time_span import NS, Span
 from bench.record.reader import Run
-from bench.record.recovered import Recovery
-from bench.record.time_span import NS, Span
 
 
 @dataclass(frozen=True)

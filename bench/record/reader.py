@@ -24,12 +24,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import BadInput
+from bench.mcap.time_span import ALL, NS, Span
 from bench.record import foxglove
 from bench.record.can_frame import MAX_DATA, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
 from bench.record.frame_table import FRAME_TABLE, frames_of
-from bench.record.time_span import ALL, NS, Span
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import LogDamaged, TopicReader
 

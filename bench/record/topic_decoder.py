@@ -13,8 +13,8 @@ from google.protobuf.message import DecodeError, Message
 from mcap.records import Channel, Schema
 
 from bench.errors import BadInput
-from bench.record.blocks import Part
-from bench.record.gathering import gathered
+from bench.mcap.blocks import Part
+from bench.mcap.gathering import gathered
 from bench.record.layout import Layout, message_class
 
 _DTYPES = {

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from mcap.records import Channel
 
 from bench.errors import BadInput
-from bench.record.blocks import Part, blocks
+from bench.mcap.blocks import Part, blocks
+from bench.mcap.container import INDEX_ENTRY
+from bench.mcap.scan import ScannedFile
+from bench.mcap.time_span import ALL, NS, Span
 from bench.record.columns import Columns
-from bench.record.container import INDEX_ENTRY
-from bench.record.file_scan import ScannedFile
-from bench.record.time_span import ALL, NS, Span
 from bench.record.topic_decoder import TopicDecoder
 
 _NAMED = 12

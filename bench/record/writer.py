@@ -1,7 +1,7 @@
 """The recorder: everything of a run into one MCAP file, cheaply enough to sit in the conductor's process.
 
 Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy. What is encoded
-is written, in chunks as `bench.record.chunking` has them, when half a second old. A killed run loses at most that.
+is written, in chunks as `bench.mcap.chunking` has them, when half a second old. A killed run loses at most that.
 With a `BusTimeline`, frames get their times on the wire then, and stand in the log in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
@@ -32,9 +32,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from bench.bus.codec import Codec
 from bench.bus.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
+from bench.mcap.chunking import ChunkGroups, Records
+from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
 from bench.record import can_frame, foxglove, process_usage
-from bench.record.chunking import ChunkGroups, Records
-from bench.record.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
 from bench.record.layout import Field, Layout, file_descriptor_set
 from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message

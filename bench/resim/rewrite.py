@@ -18,8 +18,8 @@ from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS
 from bench.ecu.main import load_class, sends_of
 from bench.errors import RunFailed
+from bench.files import written_aside
 from bench.record.can_frame import Frame
-from bench.record.exchange.aside import written_aside
 from bench.record.reader import Run
 from bench.record.writer import RunWriter
 from bench.resim.comparison import Pair

@@ -51,5 +51,5 @@ def test_all_cars_are_inside_the_picture(formation, tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_named(run_of, tmp_path):
-    with pytest.raises(BadInput, match="cannot write the picture"):
+    with pytest.raises(BadInput, match="cannot write"):
         write_svg(run_of(Motions(1, 20)), tmp_path / "none" / "run.svg")

@@ -130,9 +130,9 @@ def test_a_scenario_file_is_refused_by_name_and_line(tmp_path):
 def test_a_log_that_is_there_is_never_overwritten(platoon_log):
     log, _ = platoon_log
     before = log.read_bytes()
-    assert "run.mcap is there already" in refused("run", *SHORT, "--out", "run.mcap", cwd=log.parent)
+    assert "run.mcap already exists" in refused("run", *SHORT, "--out", "run.mcap", cwd=log.parent)
     (log.parent / "other.html").touch()
-    assert "other.html is there already" in refused("run", *SHORT, "--out", "other.mcap", cwd=log.parent)
+    assert "other.html already exists" in refused("run", *SHORT, "--out", "other.mcap", cwd=log.parent)
     assert log.read_bytes() == before
 
 

@@ -10,8 +10,8 @@ from click.testing import CliRunner
 from typer.main import get_command
 
 from bench.cli.main import app
+from bench.mcap.recover import recover
 from bench.record.reader import LogDamaged, Run
-from bench.record.recover import recover
 
 WRITTEN_S = 0.5
 """What is older than this is in the file, so the README says."""

@@ -10,7 +10,7 @@ from bench.errors import BadInput
 from bench.live.address import LiveAddress
 from bench.live.foxglove_server import FoxgloveServer
 from bench.live.server import LiveServer
-from bench.record.file_scan import ScannedFile
+from bench.mcap.scan import ScannedFile
 from bench.record.reader import Run
 
 from .foxglove_viewer import Viewer

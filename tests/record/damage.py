@@ -32,8 +32,8 @@ from bench.bus.address import Address
 from bench.cli.main import app
 from bench.conductor.run import run
 from bench.errors import BenchError
-from bench.record.container import MAGIC
-from bench.record.file_scan import ScannedFile
+from bench.mcap.container import MAGIC
+from bench.mcap.scan import ScannedFile
 from bench.record.reader import LogDamaged, Run
 from bench.replay.order import in_order
 from bench.replay.selection import Selection

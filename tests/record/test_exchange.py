@@ -427,9 +427,9 @@ def test_a_damaged_file_gives_a_message_never_a_traceback(exported, kind, tmp_pa
 def test_what_is_there_is_not_written_over(recorded, exported, kind, tmp_path):
     (tmp_path / f"a{kind.suffix}").write_text("mine")
     (tmp_path / "a.mcap").write_text("mine")
-    with pytest.raises(BadInput, match="is there already"):
+    with pytest.raises(BadInput, match="already exists"):
         export_log(recorded.path, tmp_path / f"a{kind.suffix}", kind)
-    with pytest.raises(BadInput, match="is there already"):
+    with pytest.raises(BadInput, match="already exists"):
         import_logs([exported[kind]], tmp_path / "a.mcap")
     assert {path.read_text() for path in tmp_path.iterdir()} == {"mine"}
 

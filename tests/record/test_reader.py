@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from bench.errors import BadInput
+from bench.mcap.container import MAGIC
 from bench.record import LogDamaged, Run, can_frame
 from bench.record.can_frame import Frame
-from bench.record.container import MAGIC
 from bench.record.layout import message_class
 
 from .conftest import TRUTH_NAMES

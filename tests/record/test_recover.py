@@ -14,12 +14,12 @@ from typer.testing import CliRunner
 
 from bench.cli.main import app
 from bench.errors import BadInput
+from bench.mcap.container import MAGIC
+from bench.mcap.recover import recover
+from bench.mcap.recovered import METADATA, Recovery
+from bench.mcap.scan import ScannedFile
 from bench.record import LogDamaged, Run
-from bench.record.container import MAGIC
-from bench.record.file_scan import ScannedFile
 from bench.record.overview import overview
-from bench.record.recover import recover
-from bench.record.recovered import METADATA, Recovery
 
 ROOT = Path(__file__).parents[2]
 
@@ -190,7 +190,7 @@ def test_what_has_nothing_whole_is_refused_and_nothing_written(tmp_path, content
 def test_nothing_is_written_over(recorded, tmp_path):
     target = tmp_path / "precious.mcap"
     target.write_bytes(b"precious")
-    with pytest.raises(BadInput, match=r"precious.mcap is there already"):
+    with pytest.raises(BadInput, match=r"precious.mcap already exists"):
         command(recorded.path, "-o", target)
     assert target.read_bytes() == b"precious"
 

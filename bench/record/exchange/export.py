@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.errors import BadInput
+from bench.files import check_new, written_aside
 from bench.record.can_frame import Frame
 from bench.record.exchange import writers
-from bench.record.exchange.aside import check_new, written_aside
 from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, NS, Format
 from bench.record.reader import Run
 

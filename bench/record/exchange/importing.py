@@ -14,7 +14,7 @@ from pathlib import Path
 from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
 from bench.bus.topic import V2V
 from bench.errors import BadInput
-from bench.record.exchange.aside import check_new, written_aside
+from bench.files import check_new, written_aside
 from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, NS, Format
 from bench.record.exchange.readers import Contents, Logged, read
 from bench.record.writer import RunWriter

@@ -12,11 +12,11 @@ import polars as pl
 from polars.io.plugins import register_io_source
 
 from bench.errors import BadInput, BenchError
+from bench.files import check_new, written_aside
+from bench.mcap.time_span import NS, Span
 from bench.record.catalogue import Place
-from bench.record.exchange.aside import check_new, written_aside
 from bench.record.joining import joined, step_ns
 from bench.record.reader import Run
-from bench.record.time_span import NS, Span
 from bench.record.topic_reader import TopicReader
 
 SLICE_NS = 10 * NS

@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import BadInput
-from bench.record.chunking import Records
-from bench.record.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS, McapFile, media_type
-from bench.record.exchange.aside import check_new, written_aside
-from bench.record.file_scan import ScannedFile, message_heads
-from bench.record.recovered import METADATA, Recovery
-from bench.record.time_span import NS
+from bench.files import check_new, written_aside
+from bench.mcap.chunking import Records
+from bench.mcap.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS, McapFile, media_type
+from bench.mcap.recovered import METADATA, Recovery
+from bench.mcap.scan import ScannedFile, message_heads
+from bench.mcap.time_span import NS
 
 # Where a message record has the id of its channel, two bytes.
 _CHANNEL_AT = sum(MESSAGE[name].itemsize for name in ("opcode", "length"))

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mcap.records import Channel, Schema
 
-from bench.record.time_span import ALL, FOREVER_NS, Span
+from bench.mcap.time_span import ALL, FOREVER_NS, Span
 
 RECORD = struct.Struct("<BQ")
 """What a record begins with: opcode, and the length of the rest."""

@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 from mcap.opcode import Opcode
 
-from bench.record.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS
-from bench.record.file_scan import ScannedFile, message_heads
-from bench.record.time_span import ALL, Span
+from bench.mcap.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS
+from bench.mcap.scan import ScannedFile, message_heads
+from bench.mcap.time_span import ALL, Span
 
 BLOCK_BYTES = 4 * 1024 * 1024
 """Chunks are put together up to this size; a larger chunk is a block of its own."""

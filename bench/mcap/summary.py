@@ -20,11 +20,11 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, Channel, Metadata, MetadataIndex, Schema, Statistics
 
-from bench.record.attachment import read_attachment
-from bench.record.container import MAGIC
-from bench.record.file_contents import CHUNK_PLACE, INDEX_PLACE, RECORD, Chunks, Contents
-from bench.record.gathering import gathered
-from bench.record.time_span import FOREVER_NS
+from bench.mcap.attachment import read_attachment
+from bench.mcap.container import MAGIC
+from bench.mcap.contents import CHUNK_PLACE, INDEX_PLACE, RECORD, Chunks, Contents
+from bench.mcap.gathering import gathered
+from bench.mcap.time_span import FOREVER_NS
 
 _FOOTER = struct.Struct("<BQQQI")
 # A chunk index record: head, a map of channel ids to message indexes, tail, name of the compression, sizes.

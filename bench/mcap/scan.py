@@ -1,8 +1,8 @@
 """Finds the records of an MCAP file, whole or broken, without trusting a length it reads.
 
-A file with a summary that its checksum proves is opened by it (`bench.record.file_summary`). Any other is walked record
-by record (`bench.record.file_walk`). Nothing is allocated by a length that was read: sizes are compared with what is
-there, and a chunk is unpacked into no more than `bench.record.chunk.MAX_CHUNK` bytes.
+A file with a summary that its checksum proves is opened by it (`bench.mcap.summary`). Any other is walked record
+by record (`bench.mcap.walk`). Nothing is allocated by a length that was read: sizes are compared with what is
+there, and a chunk is unpacked into no more than `bench.mcap.chunk.MAX_CHUNK` bytes.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ import zstandard
 from mcap.opcode import Opcode
 
 from bench.errors import BadInput
-from bench.record.chunk import chunk_head, unpacked
-from bench.record.container import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_FIELDS
-from bench.record.file_contents import RECORD
-from bench.record.file_summary import read_summary
-from bench.record.file_walk import INDEX, Walked, walk
-from bench.record.gathering import gathered
-from bench.record.pages import AROUND, Pages
+from bench.mcap.chunk import chunk_head, unpacked
+from bench.mcap.container import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_FIELDS
+from bench.mcap.contents import RECORD
+from bench.mcap.gathering import gathered
+from bench.mcap.pages import AROUND, Pages
+from bench.mcap.summary import read_summary
+from bench.mcap.walk import INDEX, Walked, walk
 
 MAX_KEPT = 32 * 1024 * 1024
 """Chunks are kept unpacked where all of a file's are no more bytes than this; a run of 10 s has about 12 MB."""

@@ -19,11 +19,11 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 
-from bench.record.attachment import read_attachment
-from bench.record.chunk import chunk_head, unpacked
-from bench.record.container import COMPRESSION, INDEX_ENTRY, MAGIC
-from bench.record.file_contents import RECORD, Contents, chunks_of
-from bench.record.pages import Pages
+from bench.mcap.attachment import read_attachment
+from bench.mcap.chunk import chunk_head, unpacked
+from bench.mcap.container import COMPRESSION, INDEX_ENTRY, MAGIC
+from bench.mcap.contents import RECORD, Contents, chunks_of
+from bench.mcap.pages import Pages
 
 CUT_OFF = "it ends before its summary; whole chunks are read up to there"
 

@@ -12,7 +12,7 @@ from typing import BinaryIO
 import lz4.frame
 import zstandard
 
-from bench.record.container import COMPRESSION
+from bench.mcap.container import COMPRESSION
 
 MAX_CHUNK = 64 * 1024 * 1024
 """A chunk that claims to unpack to more bytes than this is taken for damaged."""

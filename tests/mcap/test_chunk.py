@@ -8,10 +8,10 @@ import lz4.frame
 import pytest
 import zstandard
 
-from bench.record.chunk import MAX_CHUNK, chunk_head, unpacked
-from bench.record.container import MAGIC
-from bench.record.file_walk import walk
-from bench.record.pages import Pages
+from bench.mcap.chunk import MAX_CHUNK, chunk_head, unpacked
+from bench.mcap.container import MAGIC
+from bench.mcap.pages import Pages
+from bench.mcap.walk import walk
 
 MIB = 1024 * 1024
 SIZES = (10, MIB, 3 * MIB + 5)
