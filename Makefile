@@ -18,7 +18,7 @@ FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS)
 # What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
 CHECK     := $(addprefix tests/,bus conductor control ecu plant integration/test_identity.py)
-ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/test_link.py tests/ecu/test_c_tracker.py
+ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 
 .PHONY: setup run check test nightly lint dist bench references clean
 .DELETE_ON_ERROR:

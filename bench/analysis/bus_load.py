@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.bus.base import EXTENDED
 from bench.bus.codec import Codec
 from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.inbox import BENCH_SYNC
+from bench.bus.link.base import EXTENDED
 from bench.bus.schedulability import Stream, load, response_times, streams
 from bench.bus.timing import sender_of
 from bench.bus.topic import V2V

@@ -6,7 +6,7 @@ import html
 from collections.abc import Sequence
 
 from bench.analysis.bus_load import BusLoad, SentFrame
-from bench.bus.base import EXTENDED
+from bench.bus.link.base import EXTENDED
 from bench.cycle import CYCLE_MS
 
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 24.0

@@ -11,7 +11,7 @@ from bench.analysis.bus_load import BusLoad, bus_loads
 from bench.analysis.figures import NOTHING_YET, Figures
 from bench.analysis.metrics import compute
 from bench.analysis.series import Span
-from bench.bus.base import EXTENDED
+from bench.bus.link.base import EXTENDED
 from bench.cycle import CYCLE_S
 from bench.record import Event, Run
 from bench.record.drawing import BODY, colour, lane_edges

@@ -19,14 +19,14 @@ import numpy as np
 from rich.table import Table
 
 from bench.benchmarks.figures import Figure, in_turns, ratio_figure, table_of, time_figure
-from bench.bus.address import Address, settle
-from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN, STOP
-from bench.bus.link import open_link
+from bench.bus.link.address import Address, settle
+from bench.bus.link.base import Link
+from bench.bus.link.opening import open_link
+from bench.bus.link.udp import GROUP
 from bench.bus.node import serve
 from bench.bus.timing import BusTimeline
-from bench.bus.udp import GROUP
 from bench.cycle import CYCLE_MS, CYCLE_S
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode

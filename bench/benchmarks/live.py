@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.table import Table
 
 from bench.benchmarks.figures import in_turns, ratio_figure, table_of, time_figure
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.live.address import DEFAULT, LiveAddress
 from bench.live.session import LiveSession, live

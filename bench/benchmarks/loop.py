@@ -15,7 +15,7 @@ from rich.table import Table
 
 from bench.analysis.metrics import Metrics, compute
 from bench.analysis.timing import timing as keeping
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.scenario import load, shipped

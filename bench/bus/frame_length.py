@@ -11,7 +11,7 @@ Many frames are taken at once, a byte of all of them at a time: both the CRC and
 import numpy as np
 import numpy.typing as npt
 
-from bench.bus.base import EXTENDED
+from bench.bus.link.base import EXTENDED
 
 INTERFRAME_BITS = 3
 """Bits after a frame in which no other may begin."""

@@ -13,9 +13,9 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
+from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT, is_off
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.topic import Signals, Topic

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Protocol
 
-from bench.bus.base import Link
+from bench.bus.link.base import Link
 from bench.errors import RunFailed
 
 REST_S = 0.0095

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from random import Random
 from typing import NamedTuple
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
+from bench.bus.link.base import Link
 from bench.bus.topic import V2V, Signals, vehicle_of
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput

@@ -10,8 +10,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.bus.address import Address, settle
-from bench.bus.link import open_link
+from bench.bus.link.address import Address, settle
+from bench.bus.link.opening import open_link
 from bench.errors import BadInput, BenchError
 from bench.vcan.machine import require_packages
 from platoon_fmu.build import default_fmu

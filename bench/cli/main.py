@@ -113,7 +113,7 @@ def run(
     ] = None,
 ) -> None:
     """Run a scenario: write its log and report, show what came of it."""
-    from bench.bus.address import Address
+    from bench.bus.link.address import Address
     from bench.scenario import load
 
     if clock not in ("lockstep", "realtime"):
@@ -306,7 +306,7 @@ def ecu(
     ] = None,
 ) -> None:
     """Run one ECU alone, for example on another host; start the run with `--without veh1.tracker`."""
-    from bench.bus.address import Address
+    from bench.bus.link.address import Address
     from bench.ecu.main import DEFAULT_ECUS, serve_ecu
     from bench.scenario import load
 

@@ -46,8 +46,8 @@ def replay(
 
     For example: platoon replay RUN.mcap --can vcan --without veh2.tracker
     """
-    from bench.bus.address import Address, bus_number, settle
-    from bench.bus.link import open_link
+    from bench.bus.link.address import Address, bus_number, settle
+    from bench.bus.link.opening import open_link
     from bench.record.reader import Run
     from bench.replay.order import in_order
     from bench.replay.player import play
@@ -100,7 +100,7 @@ def _number(bus: str) -> int:
     Raises:
         BadInput: it is none that a bench has.
     """
-    from bench.bus.address import bus_number
+    from bench.bus.link.address import bus_number
 
     try:
         return bus_number(bus)

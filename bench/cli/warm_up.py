@@ -15,12 +15,12 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
-_CONTROL = Path(__file__).with_name("control")
+_CONTROL = Path(__file__).parents[1] / "control"
 
 
 def main() -> None:
     """Run the first cycles of a formation in this process and throw the log away."""
-    from bench.bus.address import Address
+    from bench.bus.link.address import Address
     from bench.conductor.run import run
     from bench.scenario import load
 

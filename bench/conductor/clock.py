@@ -9,11 +9,11 @@ import time
 from collections.abc import Mapping
 from contextlib import ExitStack
 
-from bench.bus.address import Address
-from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.base import Link
+from bench.bus.link.opening import open_link
 from bench.bus.ties import Ties
 from bench.bus.topic import V2V
 from bench.conductor.linux import set_real_time, wait_until

@@ -15,7 +15,7 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol
 
-from bench.bus.base import Link
+from bench.bus.link.base import Link
 from bench.bus.ties import Kind, ReportReader, Truth, read_truth
 from bench.bus.topic import Topic
 from bench.conductor.interrupts import Interrupts

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from bench.bus.base import Link
+from bench.bus.link.base import Link
 from bench.bus.node import Node
 from bench.bus.topic import Topic
 from bench.conductor.crew import Ended, Listener

@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC, RUN, STOP
+from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT

@@ -16,10 +16,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.inbox import BENCH_SYNC, STOP
+from bench.bus.link.base import Link
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT, V2V
 from bench.conductor.clock import CLOCK, PRIORITY

@@ -8,9 +8,9 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bench.bus.address import Address, settle
 from bench.bus.codec import load_codecs
-from bench.bus.link import LinkError, open_link
+from bench.bus.link.address import Address, settle
+from bench.bus.link.opening import LinkError, open_link
 from bench.bus.schedulability import check_load
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.interrupts import Interrupted, Interrupts

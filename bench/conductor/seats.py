@@ -9,8 +9,8 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from bench.bus.address import Address
 from bench.bus.codec import Codec, DecodeError
+from bench.bus.link.address import Address
 from bench.bus.states import EcuState
 from bench.conductor.crew import Crew
 from bench.conductor.cycle import Due, frames_due

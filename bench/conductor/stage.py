@@ -12,10 +12,10 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from bench.bus.address import Address
-from bench.bus.base import Link
 from bench.bus.codec import DBC_DIR, Codec
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.base import Link
+from bench.bus.link.opening import open_link
 from bench.bus.node import Node
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT, Topic

@@ -4,8 +4,8 @@ import selectors
 import time
 from collections.abc import Mapping
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
+from bench.bus.link.base import Link
 from bench.bus.states import EcuState
 from bench.bus.topic import vehicle_bus
 from bench.ecu.runtime import EcuNode

@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.bus.address import Address
-from bench.bus.base import Link
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.base import Link
+from bench.bus.link.opening import open_link
 from bench.bus.node import serve
 from bench.bus.ties import Ties
 from bench.bus.topic import PLANT, vehicle_bus

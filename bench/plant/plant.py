@@ -8,9 +8,9 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from bench.bus.base import Link
 from bench.bus.codec import Codec
 from bench.bus.inbox import Inbox
+from bench.bus.link.base import Link
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
 from bench.bus.topic import Signals, Topic, vehicle_bus

@@ -13,8 +13,8 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 
-from bench.bus.base import Link, LinkError
-from bench.bus.interface import InterfaceLink
+from bench.bus.link.base import Link, LinkError
+from bench.bus.link.interface import InterfaceLink
 from bench.conductor.linux import real_time, wait_until
 from bench.replay.ahead import read_ahead
 from bench.replay.lateness import Lateness

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from bench.bus.direct import DirectLink, Hub
+from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.node import Node
 from bench.bus.outbox import is_off
 from bench.bus.ties import Truth

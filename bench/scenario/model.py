@@ -201,7 +201,7 @@ class Scenario(BaseModel):
         if not self.buses:
             return []
         # Only places need python-can, which takes a while to import.
-        from bench.bus.address import Address
+        from bench.bus.link.address import Address
 
         try:
             Address.parse(*self.bus_texts)

@@ -19,7 +19,7 @@ import tty
 from pathlib import Path
 from typing import IO
 
-from bench.bus.kernel_links import make_links
+from bench.bus.link.kernel_links import make_links
 from bench.vcan import wire
 from bench.vcan.wire import Kind, Launch
 

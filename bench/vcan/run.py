@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import IO
 
-from bench.bus.kernel_links import check_links, lack_of_can, make_links
+from bench.bus.link.kernel_links import check_links, lack_of_can, make_links
 from bench.errors import BadInput, BenchError, RunFailed
 from bench.vcan import wire
 from bench.vcan.guest import LINKS

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from bench.bus.address import Address
 from bench.bus.codec import load_codecs
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.cycle import CYCLE_S
 from bench.record import Run, RunWriter

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bench.bus.direct import DirectLink, Hub
+from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.node import serve
 from bench.errors import RunFailed
 

@@ -5,9 +5,9 @@ from collections import Counter
 import pytest
 
 from bench.bus import e2e
-from bench.bus.address import Address
 from bench.bus.codec import load_codecs
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.opening import open_link
 from bench.bus.outbox import LARGEST_FRAME_BITS, Outbox
 from bench.errors import BadInput
 from bench.faults.kinds import (

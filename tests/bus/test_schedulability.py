@@ -5,8 +5,8 @@ from heapq import heappop, heappush
 
 import pytest
 
-from bench.bus.base import EXTENDED
 from bench.bus.codec import DBC_DIR, Codec, load_codecs
+from bench.bus.link.base import EXTENDED
 from bench.bus.schedulability import Stream, WorstCase, check_load, load, response_times, streams
 from bench.errors import BadInput
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.bus.base import EXTENDED
 from bench.bus.codec import load_codecs
 from bench.bus.frame_length import INTERFRAME_BITS, crc15, frame_bits, longest_bits, priority
+from bench.bus.link.base import EXTENDED
 from bench.bus.timing import FRAME, BusTimeline
 from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from bench.analysis.timing import NodeTiming, Timing, timing
-from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR, load_codecs
-from bench.bus.direct import DirectLink, Hub
 from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.direct import DirectLink, Hub
+from bench.bus.link.opening import open_link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.ties import Truth
 from bench.bus.topic import Topic

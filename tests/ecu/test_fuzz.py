@@ -7,11 +7,11 @@ from contextlib import ExitStack
 import pytest
 from e2e.p01 import e2e_p01_check
 
-from bench.bus.address import Address
-from bench.bus.base import EXTENDED, Link
 from bench.bus.codec import Codec, load_codecs
 from bench.bus.inbox import BENCH_SYNC
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.base import EXTENDED, Link
+from bench.bus.link.opening import open_link
 from bench.bus.node import Node
 from bench.ecu.main import DEFAULT_ECUS, buses_of, make_node
 from bench.faults.plan import FaultPlan

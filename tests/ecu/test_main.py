@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.ecu.main import DEFAULT_ECUS, buses_of, ecu_name, load_class, serve_ecu
 from bench.errors import BadInput
 from bench.scenario import load

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import pytest
 
-from bench.bus.address import Address
-from bench.bus.base import Link
 from bench.bus.codec import EncodeError, load_codecs
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.base import Link
+from bench.bus.link.opening import open_link
 from bench.bus.reception import Reception, ReceptionState
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode

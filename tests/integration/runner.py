@@ -5,7 +5,7 @@ import resource
 import sys
 from pathlib import Path
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.errors import BenchError
 from bench.scenario import load

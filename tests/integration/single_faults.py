@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.bus.address import Address
 from bench.bus.codec import load_codecs
+from bench.bus.link.address import Address
 from bench.bus.states import Cause
 from bench.conductor.run import run
 from bench.record.reader import Run

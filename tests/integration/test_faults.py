@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.fault_desk import ASKED_FOR, ask, running
 from bench.conductor.run import run
 from bench.errors import BadInput

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS
 from bench.record.compare import diff

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.address import Address
-from bench.bus.link import settle
+from bench.bus.link.address import Address
+from bench.bus.link.opening import settle
 from bench.errors import BadInput
 from bench.record.reader import LogDamaged, Run
 
@@ -291,7 +291,7 @@ def test_an_ecu_may_run_alone(start) -> None:
     port = 61000 + os.getpid() % 400 * 8
     can = f"udp:{port}"
     code = (
-        "import sys; from bench.bus.address import Address; from bench.ecu.main import serve_ecu; "
+        "import sys; from bench.bus.link.address import Address; from bench.ecu.main import serve_ecu; "
         "from bench.scenario import load; "
         "serve_ecu(None, sys.argv[1], 'tracker', 2, load('formation'), Address.parse(sys.argv[2]))"
     )

@@ -4,8 +4,8 @@ import os
 import signal
 from pathlib import Path
 
-from bench.bus.address import Address
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.opening import open_link
 from bench.record.reader import Run
 
 STRANGER = 0x7FE

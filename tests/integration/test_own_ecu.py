@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bench.analysis.metrics import compute
-from bench.bus.address import Address
-from bench.bus.link import settle
+from bench.bus.link.address import Address
+from bench.bus.link.opening import settle
 from bench.bus.states import ActuatorState, EcuState
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS

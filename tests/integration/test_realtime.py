@@ -8,9 +8,9 @@ import pytest
 from bench.analysis.figures import Figures
 from bench.analysis.timing import timing
 from bench.bus import codec
-from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR
 from bench.bus.inbox import RUN_REALTIME, STOP
+from bench.bus.link.address import Address
 from bench.bus.states import ActuatorState
 from bench.conductor.run import RunResult, run
 from bench.errors import BadInput

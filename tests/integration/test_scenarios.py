@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.metrics import compute
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.record.compare import diff
 from bench.record.reader import Run

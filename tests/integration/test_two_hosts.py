@@ -120,7 +120,7 @@ def test_frames_stay_on_a_host_that_names_no_device(
     for host in hosts:
         assert ip("-n", host.name, "route", "replace", "239.0.0.0/8", "dev", host.device) == ""
     code = (
-        "import sys, selectors; from bench.bus.link import Address, open_link\n"
+        "import sys, selectors; from bench.bus.link.opening import Address, open_link\n"
         "link = open_link('veh1', Address.parse(sys.argv[1]))\n"
         "with selectors.DefaultSelector() as selector:\n"
         "    selector.register(link.fileno(), selectors.EVENT_READ)\n"
@@ -129,7 +129,7 @@ def test_frames_stay_on_a_host_that_names_no_device(
         "print(link.receive(), flush=True)\n"
     )
     send = (
-        "import sys; from bench.bus.link import Address, open_link\n"
+        "import sys; from bench.bus.link.opening import Address, open_link\n"
         "open_link('veh1', Address.parse(sys.argv[1])).send(1, sys.argv[2].encode())\n"
     )
     listener = begin(other, sys.executable, "-c", code, f"veh1=udp:45001@{other.device}")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.address import Address
 from bench.bus.codec import load_codecs
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.opening import open_link
 from bench.errors import BadInput, RunFailed
 from bench.faults.plan import FaultPlan
 from bench.plant.description import read_description

@@ -5,8 +5,8 @@ import struct
 
 import pytest
 
-from bench.bus.address import Address
 from bench.bus.codec import load_codecs
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.cycle import CYCLE_NS
 from bench.record import RunWriter

@@ -28,7 +28,7 @@ from click.testing import CliRunner
 from mcap.opcode import Opcode
 from typer.main import get_command
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.cli.main import app
 from bench.conductor.run import run
 from bench.errors import BenchError

@@ -9,7 +9,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.scenario import Scenario, load

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.record import Run
 from bench.scenario import load

@@ -15,10 +15,10 @@ import pytest
 from can.interfaces.udp_multicast import UdpMulticastBus
 from typer.testing import CliRunner
 
-from bench.bus.base import LinkError
 from bench.bus.codec import load_codecs
-from bench.bus.direct import DirectLink, Hub
-from bench.bus.udp import reserve_udp_ports
+from bench.bus.link.base import LinkError
+from bench.bus.link.direct import DirectLink, Hub
+from bench.bus.link.udp import reserve_udp_ports
 from bench.cli.main import app
 from bench.errors import BadInput
 from bench.replay.order import in_order

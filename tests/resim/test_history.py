@@ -3,7 +3,7 @@
 import threading
 from pathlib import Path
 
-from bench.bus.address import Address
+from bench.bus.link.address import Address
 from bench.conductor.fault_desk import ask
 from bench.conductor.run import run
 from bench.record.reader import Run

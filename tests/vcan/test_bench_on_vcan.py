@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from bench.bus.address import Address
 from bench.bus.codec import DBC_DIR, load_codecs
-from bench.bus.kernel_links import lack_of_can
-from bench.bus.link import open_link
+from bench.bus.link.address import Address
+from bench.bus.link.kernel_links import lack_of_can
+from bench.bus.link.opening import open_link
 from bench.cli.main import app
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.bus.kernel_links import lack_of_can
+from bench.bus.link.kernel_links import lack_of_can
 from bench.errors import BadInput
 from bench.vcan import machine
 

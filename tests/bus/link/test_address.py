@@ -11,13 +11,13 @@ from contextlib import ExitStack
 import pytest
 
 from bench.bus.codec import load_codecs
-from bench.bus.link import Address, open_link, reserve_udp_ports, settle
-from bench.bus.place import Place
+from bench.bus.link.opening import Address, open_link, reserve_udp_ports, settle
+from bench.bus.link.place import Place
 from bench.errors import BadInput
 
 HOLDER = """
 import sys
-from bench.bus.link import reserve_udp_ports
+from bench.bus.link.opening import reserve_udp_ports
 with reserve_udp_ports(4, first=int(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()
@@ -28,7 +28,7 @@ with reserve_udp_ports(4, first=int(sys.argv[1])):
 def first_port(monkeypatch):
     """Make the search for free ports start where no other bench or test of this machine looks."""
     port = 20_000 + os.getpid() % 600 * 20
-    monkeypatch.setattr("bench.bus.udp.FIRST_PORT", port)
+    monkeypatch.setattr("bench.bus.link.udp.FIRST_PORT", port)
     return port
 
 

@@ -6,7 +6,7 @@ more.
 
 from collections import deque
 
-from bench.bus.base import MOST_FRAMES, Link
+from bench.bus.link.base import MOST_FRAMES, Link
 
 
 class Hub:

@@ -11,7 +11,7 @@ import struct
 from abc import abstractmethod
 from typing import Protocol
 
-from bench.bus.base import MOST_FRAMES, Link, LinkError
+from bench.bus.link.base import MOST_FRAMES, Link, LinkError
 from bench.errors import BadInput
 
 RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024

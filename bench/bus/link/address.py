@@ -4,7 +4,7 @@ PLACE        where all buses are; with udp:PORT v2v is on PORT, veh1 on PORT + 1
              number of the bus: v2v 0, veh1 1, ...
 BUS=PLACE    where one bus is, here udp:PORT with its own port
 
-A place is written as in `bench.bus.place`. Buses without a place of their own are on `udp`.
+A place is written as in `bench.bus.link.place`. Buses without a place of their own are on `udp`.
 """
 
 from collections.abc import Collection, Iterator
@@ -12,11 +12,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 
 from bench.bus.codec import MAX_VEHICLES, bus_names
-from bench.bus.direct import Hub
-from bench.bus.kernel_links import require_links
-from bench.bus.multicast import require_device
-from bench.bus.place import FIRST_USER_PORT, LAST_PORT, Place
-from bench.bus.udp import hold_udp_ports, reserve_udp_ports
+from bench.bus.link.direct import Hub
+from bench.bus.link.kernel_links import require_links
+from bench.bus.link.multicast import require_device
+from bench.bus.link.place import FIRST_USER_PORT, LAST_PORT, Place
+from bench.bus.link.udp import hold_udp_ports, reserve_udp_ports
 from bench.errors import BadInput
 
 

@@ -7,9 +7,9 @@ from collections.abc import Collection
 
 from can.interfaces.socketcan import SocketcanBus
 
-from bench.bus.base import LinkError
-from bench.bus.kernel_links import check_links
-from bench.bus.sockets import SocketLink
+from bench.bus.link.base import LinkError
+from bench.bus.link.kernel_links import check_links
+from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
 
 _FRAME = struct.Struct("=IB3x8s")

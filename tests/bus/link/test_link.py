@@ -15,11 +15,11 @@ from can.interfaces.udp_multicast import UdpMulticastBus
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bench.bus.base import EXTENDED
 from bench.bus.codec import load_codecs
-from bench.bus.interface import InterfaceLink
-from bench.bus.kernel_links import check_links, require_links
-from bench.bus.link import Address, LinkError, open_link, reserve_udp_ports, settle
+from bench.bus.link.base import EXTENDED
+from bench.bus.link.interface import InterfaceLink
+from bench.bus.link.kernel_links import check_links, require_links
+from bench.bus.link.opening import Address, LinkError, open_link, reserve_udp_ports, settle
 from bench.errors import BadInput
 
 FRAMES = st.tuples(
@@ -323,7 +323,7 @@ class TestUdp(OnSockets):
             pytest.skip("needs unshare and ip, and the right to make a network namespace")
         code = """
 import subprocess, sys
-from bench.bus.link import *
+from bench.bus.link.opening import *
 try:
     open_link("v2v", Address.parse("udp:43113"))
     sys.exit("opened without a route")

@@ -12,9 +12,9 @@ from typing import Any
 
 from can.interfaces.udp_multicast import UdpMulticastBus
 
-from bench.bus.base import EXTENDED, LinkError
-from bench.bus.multicast import MulticastSocket
-from bench.bus.sockets import SocketLink
+from bench.bus.link.base import EXTENDED, LinkError
+from bench.bus.link.multicast import MulticastSocket
+from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
 
 GROUP = UdpMulticastBus.DEFAULT_GROUP_IPv4

@@ -5,8 +5,8 @@ from typing import Any
 import can
 from can.util import cast_from_string
 
-from bench.bus.base import EXTENDED, MOST_FRAMES, Link, LinkError
-from bench.bus.place import Place
+from bench.bus.link.base import EXTENDED, MOST_FRAMES, Link, LinkError
+from bench.bus.link.place import Place
 from bench.errors import BadInput
 
 

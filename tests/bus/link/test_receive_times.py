@@ -2,10 +2,10 @@
 
 import time
 
-from bench.bus.address import Address, settle
-from bench.bus.base import Link
-from bench.bus.direct import DirectLink, Hub
-from bench.bus.link import open_link
+from bench.bus.link.address import Address, settle
+from bench.bus.link.base import Link
+from bench.bus.link.direct import DirectLink, Hub
+from bench.bus.link.opening import open_link
 
 
 def test_frames_over_udp_have_the_time_the_kernel_got_them() -> None:

@@ -1,12 +1,12 @@
 """Opening a bus: from an address to a link."""
 
-from bench.bus.address import Address, bus_number, settle
-from bench.bus.base import Link, LinkError
 from bench.bus.codec import load_codecs
-from bench.bus.direct import DirectLink
-from bench.bus.interface import open_interface
-from bench.bus.socketcan import SocketcanLink
-from bench.bus.udp import UdpLink, reserve_udp_ports
+from bench.bus.link.address import Address, bus_number, settle
+from bench.bus.link.base import Link, LinkError
+from bench.bus.link.direct import DirectLink
+from bench.bus.link.interface import open_interface
+from bench.bus.link.socketcan import SocketcanLink
+from bench.bus.link.udp import UdpLink, reserve_udp_ports
 from bench.errors import BadInput
 
 __all__ = ["Address", "Link", "LinkError", "open_link", "reserve_udp_ports", "settle"]
