@@ -1,9 +1,9 @@
 """How much of each bus a run used, and how long its messages took, next to what they may take in the worst case.
 
-A response time is from when a frame waits for its bus to its end on the wire (see `bench.bus.timing`). The bound beside
-it is that of `bench.bus.schedulability`, with each message's release jitter as the run had it: by how much its release
-varied within the cycle. In lockstep computing takes no time, so an ECU's release varies only with the frames it waits
-for; in real time its computing time and the scheduling are in it.
+A response time is from when a frame waits for its bus to its end on the wire (see `bench.bus.wire.timing`). The bound
+beside it is that of `bench.bus.wire.schedulability`, with each message's release jitter as the run had it: by how much
+its release varied within the cycle. In lockstep computing takes no time, so an ECU's release varies only
+with the frames it waits for; in real time its computing time and the scheduling are in it.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.bus.codec import Codec
-from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import EXTENDED
-from bench.bus.schedulability import Stream, load, response_times, streams
-from bench.bus.timing import sender_of
 from bench.bus.topic import V2V
+from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
+from bench.bus.wire.schedulability import Stream, load, response_times, streams
+from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_NS
 from bench.record import Run
 

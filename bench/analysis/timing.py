@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
-from bench.bus.timing import sender_of
 from bench.bus.topic import PLANT, vehicle_bus
+from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_MS, CYCLE_NS
 from bench.errors import BadInput
 from bench.record.reader import Run

@@ -26,7 +26,7 @@ from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.link.udp import GROUP
 from bench.bus.node import serve
-from bench.bus.timing import BusTimeline
+from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_MS, CYCLE_S
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode

@@ -22,7 +22,7 @@ from bench.benchmarks.figures import Figure, in_turns, ratio_figure, seconds_tex
 from bench.benchmarks.long_log import repeat
 from bench.benchmarks.loop import record as make_run
 from bench.bus.codec import load_codecs
-from bench.bus.timing import BusTimeline
+from bench.bus.wire.timing import BusTimeline
 from bench.mcap.time_span import NS, Span
 from bench.record.can_frame import NAME, SCHEMA, Frame
 from bench.record.layout import message_class

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from bench.bus.codec import Codec
 from bench.bus.ties import Truth
-from bench.bus.timing import BusTimeline
+from bench.bus.wire.timing import BusTimeline
 from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.stage import Stage
 from bench.conductor.state_watch import StateWatch

@@ -11,7 +11,7 @@ from pathlib import Path
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address, settle
 from bench.bus.link.opening import LinkError, open_link
-from bench.bus.schedulability import check_load
+from bench.bus.wire.schedulability import check_load
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
@@ -136,7 +136,7 @@ def run(
         conducted: Lockstep | Realtime = clock(links, codecs, vehicles, silence_s, desk, seats, go_on=go_on)
         crew = stage.crew(links, conducted, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
-        from bench.bus.timing import BusTimeline
+        from bench.bus.wire.timing import BusTimeline
         from bench.conductor.process_watch import ProcessWatch
         from bench.conductor.recorder import open_recorder
 

@@ -30,7 +30,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bench.bus.codec import Codec
-from bench.bus.timing import FRAME, BusTimeline
+from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.mcap.chunking import ChunkGroups, Records
 from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type

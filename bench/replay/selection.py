@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.bus.codec import Codec
-from bench.bus.timing import sender_of
+from bench.bus.wire.timing import sender_of
 from bench.errors import BadInput
 from bench.record.meaning import attached_codec
 from bench.record.reader import Run

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.bus.timing import BusTimeline
 from bench.bus.topic import Topic
+from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_NS
 from bench.ecu.main import load_class, sends_of
 from bench.errors import RunFailed

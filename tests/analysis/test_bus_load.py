@@ -11,8 +11,8 @@ from bench.analysis.bus_strip import strip
 from bench.analysis.figures import Figures
 from bench.analysis.report import render
 from bench.bus.codec import DBC_DIR, load_codecs
-from bench.bus.frame_length import INTERFRAME_BITS, frame_bits
-from bench.bus.timing import BusTimeline
+from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
+from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_NS
 from bench.record import Run
 from bench.record.drawing import colour

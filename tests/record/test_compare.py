@@ -3,7 +3,7 @@
 import pytest
 
 from bench.bus.codec import DBC_DIR, Codec, load_codecs
-from bench.bus.timing import BusTimeline
+from bench.bus.wire.timing import BusTimeline
 from bench.errors import BadInput
 from bench.record import Run, RunWriter, diff
 

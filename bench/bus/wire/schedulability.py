@@ -15,11 +15,11 @@ from functools import partial
 import numpy as np
 
 from bench.bus.codec import Codec
-from bench.bus.frame_length import longest_bits, priority
 from bench.bus.link.base import EXTENDED
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.timing import sender_of
 from bench.bus.topic import V2V, vehicle_of
+from bench.bus.wire.frame_length import longest_bits, priority
+from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 

@@ -24,10 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.bus.codec import Codec
-from bench.bus.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.topic import PLANT, V2V, Topic
+from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.cycle import CYCLE_NS
 
 _NEVER = 1 << 62

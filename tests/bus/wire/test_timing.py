@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.bus.codec import load_codecs
-from bench.bus.frame_length import INTERFRAME_BITS, crc15, frame_bits, longest_bits, priority
 from bench.bus.link.base import EXTENDED
-from bench.bus.timing import FRAME, BusTimeline
 from bench.bus.topic import Topic
+from bench.bus.wire.frame_length import INTERFRAME_BITS, crc15, frame_bits, longest_bits, priority
+from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.cycle import CYCLE_NS
 
 BIT_NS = {"v2v": 1000, "veh1": 2000, "veh2": 2000}

@@ -7,7 +7,7 @@ import pytest
 
 from bench.bus.codec import DBC_DIR, Codec, load_codecs
 from bench.bus.link.base import EXTENDED
-from bench.bus.schedulability import Stream, WorstCase, check_load, load, response_times, streams
+from bench.bus.wire.schedulability import Stream, WorstCase, check_load, load, response_times, streams
 from bench.errors import BadInput
 
 MS = 1_000_000
