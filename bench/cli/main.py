@@ -419,7 +419,7 @@ def _prepared_fmu() -> Path:
 
     fmu = vehicle_fmu()
     if not in_checkout():
-        from bench.warm_up import warm_up_once
+        from bench.cli.warm_up import warm_up_once
 
         warm_up_once(fmu.parent, say_first_use)
     return fmu

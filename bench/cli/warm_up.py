@@ -46,7 +46,7 @@ def warm_up_once(folder: Path, say: Callable[[str], None]) -> None:
     if mark.exists():
         return
     say("compiling the controllers (about half a minute)")
-    done = subprocess.run([sys.executable, "-P", "-m", "bench.warm_up"], capture_output=True, check=False)
+    done = subprocess.run([sys.executable, "-P", "-m", "bench.cli.warm_up"], capture_output=True, check=False)
     if done.returncode == 0:
         with suppress(OSError):
             mark.touch()

@@ -1,6 +1,6 @@
 """The controllers are compiled once, before an installed package runs them first."""
 
-from bench.warm_up import warm_up_once
+from bench.cli.warm_up import warm_up_once
 
 
 def test_it_is_done_and_said_once_for_the_same_controllers(tmp_path, monkeypatch):
@@ -11,6 +11,6 @@ def test_it_is_done_and_said_once_for_the_same_controllers(tmp_path, monkeypatch
     warm_up_once(tmp_path, said.append)
     assert len(said) == 1
     (tmp_path / "control").mkdir()
-    monkeypatch.setattr("bench.warm_up._CONTROL", tmp_path / "control")
+    monkeypatch.setattr("bench.cli.warm_up._CONTROL", tmp_path / "control")
     warm_up_once(tmp_path, said.append)
     assert len(said) == 2
