@@ -151,8 +151,7 @@ def _zig(target: Platform) -> Compiler:
     found = importlib.util.find_spec("ziglang")
     if found is None or found.origin is None:
         raise FmuError(
-            f"building for {target.name} needs zig's C compiler, which is not installed: "
-            "pip install 'platoon[platforms]'"
+            f"building for {target.name} needs zig's C compiler, which is not installed: pip install ziglang"
         )
     command = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
     folder = Path(found.origin).parent

@@ -17,6 +17,7 @@ from platoon_fmu import codegen, documentation, model_description
 from platoon_fmu.versions import Version
 
 _PACKAGE = Path(__file__).resolve().parent
+# Of the model, not of the package that holds it: it changes with equations and variables.
 _VERSION = "1.0"
 # The icon's picture is a square of this side; millimetres tell a tool how large to draw it.
 _ICON_UNITS, _ICON_MM = 128, 20 / 128

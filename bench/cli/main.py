@@ -48,6 +48,24 @@ add_replay(app)
 add_resim(app)
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"platoon {version('platoon')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Take the options that go before a command."""
+
+
 class Role(StrEnum):
     """What an ECU is for."""
 

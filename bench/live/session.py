@@ -34,7 +34,7 @@ def check_available() -> None:
     """
     missing = [name for module, name in PACKAGES.items() if find_spec(module) is None]
     if missing:
-        raise BadInput(f"the live page needs {' and '.join(missing)}; to install it, type: pip install 'platoon[live]'")
+        raise BadInput(f"the live page needs {' and '.join(missing)}; install it with: pip install {' '.join(missing)}")
 
 
 class LiveSession:

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -12,12 +13,13 @@ import pytest
 from bench.faults.kinds import kinds
 from bench.scenario import load, shipped
 
+ROOT = Path(__file__).parents[2]
 SHORT = ["--can", "direct", "--set", "duration_s=0.2"]
 
 
 def platoon(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Call the command in a directory; no colours, a wide terminal."""
-    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "bench.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=environment, timeout=300)
 
@@ -64,6 +66,11 @@ def test_run_writes_to_logs_by_default_and_fails_where_no_platoon_was_formed(tmp
     (log,) = (tmp_path / "logs").iterdir()
     assert log.name.startswith("formation-")
     assert log.suffix == ".mcap"
+
+
+def test_it_tells_the_projects_version(tmp_path):
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert platoon("--version", cwd=tmp_path).stdout == f"platoon {project['version']}\n"
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ class Format(StrEnum):
         try:
             importlib.import_module("asammdf")
         except ImportError as error:
-            raise BadInput("MF4 files need the package asammdf; install it with: pip install 'platoon[mf4]'") from error
+            raise BadInput("MF4 files need the package asammdf; install it with: pip install asammdf") from error
         if shut_out:
             # It has been imported without asammdf, see `bench`.
             importlib.reload(can.io.mf4)
