@@ -3,18 +3,18 @@
 `chi+ = (A + H Lambda N1) chi + (B + H Lambda N2) theta`, `theta = K chi`: minimise tau, the worst cost
 `sum chi'Q chi + theta'R theta` over all cornering stiffnesses. `robust_program` states the inequalities.
 
-The solver is not believed: `certified_cost` checks the result itself, at every corner of the uncertainty, before it is
-used, and the tau reported is the one it proves.
+Every answer of the solver is certified before it is used: `certificate` checks it at every corner of the uncertainty,
+and the tau reported is the one that it proves.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bench.control.certificate import proven_cost
 from bench.control.robust_program import Answer, RobustProgram
 from bench.control.semidefinite import SolverStatus
 from bench.control.vehicle_model import LinearModel
@@ -29,7 +29,6 @@ _SMALLEST = 0.01
 _LARGEST_ROOM = 10.0
 """Input room is cut to this many times the deviation (scaled units): more is hardly used and costs accuracy."""
 _LARGEST_COST_RATIO = 1.5
-_SMALLEST_AXIS = 1e-9
 
 
 @dataclass(frozen=True)
@@ -132,63 +131,11 @@ class RobustController:
         if answer.status not in (SolverStatus.SOLVED, SolverStatus.ALMOST_SOLVED):
             return none, answer.tau, answer.status
         K = _gain(answer.P, answer.Y)
-        proven = float(_proven_cost(K, answer.P, self._rho, *models, z, room))
+        proven = float(proven_cost(K, answer.P, self._rho, *models, z, room))
         # The proof asks for a cost close to the solver's: far from it, the solve itself went wrong.
         if proven <= _LARGEST_COST_RATIO * answer.tau:
             return K, proven, SolverStatus.SOLVED
         return none, answer.tau, SolverStatus.CHECK_FAILED
-
-
-def certified_cost(
-    K: Matrix, P: Matrix, rho: float, models: Sequence[tuple[Matrix, Matrix]], z: Vector, room: Vector
-) -> float | None:
-    """The worst cost from z that (K, P) proves, whoever found them, or None where they prove nothing.
-
-    Proven is (68) at every vertex, hence between them: the cost-to-go `W = tau P^-1` falls at least by the stage
-    cost at each step. So the ellipsoid through z is never left, and no state of it asks for more than the room of
-    any input (to 0.1 %, which the caller's clipping then takes off).
-
-    Args:
-        K: (m, 3) gain.
-        P: (3, 3) ellipsoid.
-        rho: input weight, R = rho I, Q = I.
-        models: A (3, 3), B (3, m) at each vertex.
-        z: (3,) deviation.
-        room: (m,) input room.
-    """
-    A, B = (np.stack(matrices) for matrices in zip(*models, strict=True))
-    proven = float(_proven_cost(np.ascontiguousarray(K), P, rho, A, B, z, room))
-    return proven if math.isfinite(proven) else None
-
-
-@njit(cache=True)
-def _proven_cost(K: Matrix, P: Matrix, rho: float, A: Stack, B: Stack, z: Vector, room: Vector) -> float:
-    """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and nan where nothing is proven."""
-    if not (np.isfinite(P).all() and np.isfinite(K).all()):
-        return math.nan
-    values, axes = np.linalg.eigh(P)
-    if not values[0] > _SMALLEST_AXIS:
-        return math.nan
-    # In the coordinates in which the ellipsoid is the unit ball, every condition is about a norm.
-    root = axes * np.sqrt(values)
-    inverse = np.ascontiguousarray((axes / np.sqrt(values)).T)
-    gain = K @ root
-    radius = np.linalg.norm(inverse @ z)
-    for j in range(room.size):
-        # Asked this way round, a room that is not a number is refused.
-        if not radius * np.linalg.norm(gain[j]) <= 1.001 * room[j]:
-            return math.nan
-    stage = root.T @ root + rho * gain.T @ gain
-    cost = 0.0
-    for k in range(len(A)):
-        step = inverse @ (A[k] @ root + B[k] @ gain)
-        shrink = np.eye(N) - step.T @ step
-        if not np.linalg.eigvalsh(shrink)[0] > 0.0:
-            return math.nan
-        # The smallest tau with shrink >= stage / tau.
-        factor = np.linalg.inv(np.linalg.cholesky(shrink))
-        cost = max(cost, np.linalg.eigvalsh(factor @ stage @ factor.T)[-1])
-    return float(cost * radius**2)
 
 
 @njit(cache=True)

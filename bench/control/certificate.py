@@ -1,0 +1,70 @@
+"""The certificate of the robust controller: what a gain and its ellipsoid prove, whoever found them; after (68).
+
+No answer of the solver acts on the vehicle without it.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+Stack = NDArray[np.float64]
+
+N = 3
+_SMALLEST_AXIS = 1e-9
+
+
+def certified_cost(
+    K: Matrix, P: Matrix, rho: float, models: Sequence[tuple[Matrix, Matrix]], z: Vector, room: Vector
+) -> float | None:
+    """The worst cost from z that (K, P) proves, whoever found them, or None where they prove nothing.
+
+    Proven is (68) at every vertex, hence between them: the cost-to-go `W = tau P^-1` falls at least by the stage
+    cost at each step. So the ellipsoid through z is never left, and no state of it asks for more than the room of
+    any input (to 0.1 %, which the caller's clipping then takes off).
+
+    Args:
+        K: (m, 3) gain.
+        P: (3, 3) ellipsoid.
+        rho: input weight, R = rho I, Q = I.
+        models: A (3, 3), B (3, m) at each vertex.
+        z: (3,) deviation.
+        room: (m,) input room.
+    """
+    A, B = (np.stack(matrices) for matrices in zip(*models, strict=True))
+    proven = float(proven_cost(np.ascontiguousarray(K), P, rho, A, B, z, room))
+    return proven if math.isfinite(proven) else None
+
+
+@njit(cache=True)
+def proven_cost(K: Matrix, P: Matrix, rho: float, A: Stack, B: Stack, z: Vector, room: Vector) -> float:
+    """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and nan where nothing is proven."""
+    if not (np.isfinite(P).all() and np.isfinite(K).all()):
+        return math.nan
+    values, axes = np.linalg.eigh(P)
+    if not values[0] > _SMALLEST_AXIS:
+        return math.nan
+    # In the coordinates in which the ellipsoid is the unit ball, every condition is about a norm.
+    root = axes * np.sqrt(values)
+    inverse = np.ascontiguousarray((axes / np.sqrt(values)).T)
+    gain = K @ root
+    radius = np.linalg.norm(inverse @ z)
+    for j in range(room.size):
+        # Asked this way round, a room that is not a number is refused.
+        if not radius * np.linalg.norm(gain[j]) <= 1.001 * room[j]:
+            return math.nan
+    stage = root.T @ root + rho * gain.T @ gain
+    cost = 0.0
+    for k in range(len(A)):
+        step = inverse @ (A[k] @ root + B[k] @ gain)
+        shrink = np.eye(N) - step.T @ step
+        if not np.linalg.eigvalsh(shrink)[0] > 0.0:
+            return math.nan
+        # The smallest tau with shrink >= stage / tau.
+        factor = np.linalg.inv(np.linalg.cholesky(shrink))
+        cost = max(cost, np.linalg.eigvalsh(factor @ stage @ factor.T)[-1])
+    return float(cost * radius**2)
