@@ -18,9 +18,12 @@ FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS)
 # What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
 CHECK     := $(addprefix tests/,bus conductor control ecu plant integration/test_identity.py)
+# The tests of the files that pyproject.toml has under [tool.coverage.run].
+SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py control/test_certificate.py \
+	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run check test nightly lint dist bench references clean
+.PHONY: setup run check test coverage nightly lint dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -33,12 +36,17 @@ check: setup $(DEVELOP) lint
 	$(PYTEST) $(PYTEST_ARGS) $(CHECK)
 
 # What uses CAN links of the kernel runs a second time, where there are some: in a kernel of its own, if need be.
-test: setup $(DEVELOP)
+test: setup $(DEVELOP) coverage
 	$(PYTEST) $(PYTEST_ARGS)
 	@if $(BIN)/platoon vcan -- true; then \
 		echo "$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN)"; $(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN); \
 	elif [ -n "$$CI" ]; then echo "make test: the tests on vcan must run in CI" >&2; exit 1; \
 	else echo "make test: NOT TESTED ON VCAN, see the message above" >&2; fi
+
+# Compiled code tells nobody which of its lines ran, so it is interpreted here.
+coverage: setup $(DEVELOP)
+	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
+	$(BIN)/coverage report
 
 nightly: setup $(DEVELOP)
 	$(PYTEST) -m nightly $(PYTEST_ARGS)

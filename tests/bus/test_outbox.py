@@ -149,6 +149,19 @@ def test_jitter_spreads_the_delay() -> None:
     assert set(delays) == {1, 2, 3, 4}
 
 
+def test_a_delay_of_nothing_or_one_cycle_leaves_some_frames_where_they_are() -> None:
+    came = sent(FrameDelay(**on(cycles=0, jitter_cycles=1)))
+    delays = [cycle - angle for cycle in range(START, CYCLES) for angle in angles(came, cycle)]
+    assert set(delays) == {0, 1}
+
+
+def test_a_delayed_frame_that_comes_due_while_its_node_is_off_the_bus_is_lost() -> None:
+    off = BusOff(at_s=(START + 2) / 100, node="veh1.tracker", for_s=0.01)
+    came = sent(FrameDelay(**on(cycles=2, for_s=0.01)), off)
+    assert START not in [angle for cycle in came for angle in angles(came, cycle)]
+    assert absences(came, START) == [0x300]
+
+
 def test_duplicates_are_the_same_frame_again() -> None:
     came = sent(FrameDuplicate(**on(copies=2)))
     assert names(came, START) == ["SteeringCommand"] * 3 + ["TorqueCommandFront"]
@@ -164,6 +177,13 @@ def test_reordered_frames_come_in_swapped_pairs() -> None:
         [START + 3, START + 2],
     ]
     assert absences(came, START) == [0x300]
+
+
+def test_the_second_of_a_pair_whose_first_was_lost_takes_its_place_too() -> None:
+    """A cycle has as many frames as `FaultPlan.extra` tells the conductor, which waits for them."""
+    came = sent(FrameLoss(**on(for_s=0.01)), FrameReorder(**on()))
+    pairs = [angles(came, cycle) for cycle in range(START, START + 4)]
+    assert pairs == [[], [START + 1] * 2, [], [START + 3, START + 2]]
 
 
 @pytest.mark.parametrize("bits", [1, 2, 5, 64])
@@ -227,6 +247,13 @@ def test_a_node_that_is_off_the_bus_sends_nothing() -> None:
     came = sent(BusOff(at_s=START / 100, node="veh1.tracker", for_s=0.02))
     assert [absences(came, cycle) for cycle in (START, START + 1, START + 2)] == [[0x300, 0x301]] * 2 + [[]]
     assert absences(sent(BusOff(at_s=START / 100, node="veh1.planner")), START) == []
+
+
+def test_a_node_that_is_off_the_bus_does_not_babble_either() -> None:
+    idiot = BabblingIdiot(at_s=START / 100, node="veh1.tracker", identifier=0x80, frames_per_cycle=2)
+    came = sent(BusOff(at_s=START / 100, node="veh1.tracker", for_s=0.01), idiot)
+    assert Counter(names(came, START)) == {"BenchAbsent": 2}
+    assert Counter(names(came, START + 1))["0x080"] == 2
 
 
 @pytest.mark.parametrize(("vehicle", "is_out"), [(1, True), (2, False), (None, True)])

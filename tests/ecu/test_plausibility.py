@@ -141,6 +141,33 @@ def test_a_sensor_that_is_gone_is_replaced(message: str) -> None:
         assert trial.worst(name) <= most, name
 
 
+def test_without_motion_and_attitude_the_wheels_tell_the_yaw_rate() -> None:
+    trial = Trial(drop("VehicleMotion", "VehicleAttitude"))
+    assert trial.worst("yaw_rate") <= 1e-3
+    assert trial.worst("v_x") <= 0.01
+
+
+def test_before_the_first_whole_pose_the_own_motion_is_unknown() -> None:
+    own, frames = OwnMotion(VehicleParameters()), Drive().frames()
+    for missing in ("VehiclePosition", "VehicleAttitude"):
+        assert own.update(*(None if name == missing else frames[name] for name in SENSORS)) is None
+        assert own.cause is Cause.OWN_MOTION_LOST
+    state = own.update(*(frames[name] for name in SENSORS))
+    assert state is not None
+    assert (state.x, state.y, state.yaw) == (0.0, pytest.approx(3.5), 0.0)
+    assert own.cause is Cause.NONE
+
+
+@pytest.mark.parametrize(
+    ("yaw", "v_y", "course"),
+    [(0.1, 0.0, 0.1), (0.0, 10.0, math.pi / 4), (math.pi - 0.1, 10.0, math.pi / 4 - math.pi - 0.1)],
+)
+def test_speed_and_course_are_those_of_the_centre_of_mass(yaw: float, v_y: float, course: float) -> None:
+    state = OwnState(0.0, 0.0, yaw, 10.0, v_y, 0.0)
+    assert state.speed == pytest.approx(math.sqrt(100.0 + v_y**2))
+    assert state.course == pytest.approx(course)
+
+
 def test_a_wheel_that_slips_or_lies_is_left_out() -> None:
     trial = Trial(put("WheelSpeedsRear", "WheelSpeedRL", lambda value, _: value + 20.0))
     assert trial.detected_after() == 0

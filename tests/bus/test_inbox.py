@@ -1,0 +1,422 @@
+"""A node's inbox on direct links: which cycle a frame belongs to, what is refused, and what a step is told of it."""
+
+from collections.abc import Mapping
+
+import pytest
+
+from bench.bus.codec import load_codecs
+from bench.bus.e2e import protect
+from bench.bus.inbox import RUN_REALTIME, STOP, Inbox
+from bench.bus.link.address import Address
+from bench.bus.link.opening import open_link
+from bench.bus.reception import Reception, ReceptionState
+from bench.bus.topic import Signals, Topic
+from bench.errors import BadInput
+from bench.faults.kinds import BusOff, Fault, V2VOutage
+from bench.faults.plan import FaultPlan
+
+MOTION = Topic("veh1", "VehicleMotion")
+PEER = Topic("v2v", "V2VPosition_2")
+REFERENCE = Topic("veh1", "Reference")
+BUSES = ("veh1", "v2v")
+CODECS = load_codecs(2)
+MOTION_VALUES = {"VelocityX": 20.0, "VelocityY": 0.0, "YawRate": 0.0}
+MOTION_ID = CODECS["veh1"].can_id("VehicleMotion")
+TIMEOUT = CODECS["veh1"].timeout_cycles("VehicleMotion")
+RUN = 1
+
+
+class Rig:
+    """An inbox on both buses of veh1, and the other ends; `now` is its clock (s)."""
+
+    def __init__(self, *topics: Topic, own: tuple[Topic, ...] = (), faults: tuple[Fault, ...] = ()) -> None:
+        address = Address.parse("direct")
+        self.far = {bus: open_link(bus, address) for bus in BUSES}
+        near = {bus: open_link(bus, address) for bus in BUSES}
+        self.now = 0.0
+        self.inbox = Inbox(
+            near,
+            CODECS,
+            topics or (MOTION,),
+            name="veh1.planner",
+            own=own,
+            plan=FaultPlan(faults),
+            clock=lambda: self.now,
+        )
+
+    def send(self, bus: str, message: str, values: Mapping[str, float], counter: int, turned_bit: int = 0) -> None:
+        can_id, data = CODECS[bus].encode(message, values, counter)
+        self.far[bus].send(can_id, bytes([data[0] ^ turned_bit, *data[1:]]))
+
+    def sync(self, cycle: int, *buses: str, command: int = RUN) -> None:
+        for bus in buses or BUSES:
+            self.send(bus, "BenchSync", {"Command": command, "Cycle": cycle, "Time": cycle / 100}, cycle)
+
+    def motion(self, cycle: int, v_x: float = 20.0, turned_bit: int = 0) -> None:
+        self.send("veh1", "VehicleMotion", MOTION_VALUES | {"VelocityX": v_x}, cycle, turned_bit)
+
+    def peer(self, cycle: int, x: float) -> None:
+        self.send("v2v", "V2VPosition_2", {"X": x, "Y": 0.0}, cycle)
+
+    def absent(self, cycle: int, message: str, bus: str = "veh1", turned_bit: int = 0) -> None:
+        values = {"Identifier": CODECS[bus].can_id(message), "Cycle": cycle}
+        self.send(bus, "BenchAbsent", values, cycle, turned_bit)
+
+    def drained(self) -> Inbox:
+        self.inbox.drain()
+        return self.inbox
+
+    def step(self, topic: Topic = MOTION) -> Signals | None:
+        """Take in what has come and step, which must be possible; what the step gets of `topic`."""
+        assert self.drained().complete
+        return self.inbox.take()[topic]
+
+    def heard(self, topic: Topic = MOTION) -> Reception:
+        return self.inbox.health.of(topic)
+
+
+def test_there_is_nothing_to_drain_where_nothing_came() -> None:
+    rig = Rig()
+    assert not rig.inbox.drain()
+    rig.sync(0)
+    assert rig.inbox.drain()
+    assert not rig.inbox.drain()
+
+
+def test_a_cycle_is_complete_with_every_bench_sync_and_every_input() -> None:
+    rig = Rig()
+    rig.sync(0, "veh1")
+    rig.motion(0)
+    assert not rig.drained().complete
+    rig.sync(0, "v2v")
+    assert rig.drained().complete
+
+
+def test_a_bench_sync_twice_counts_once_and_is_an_error() -> None:
+    rig = Rig()
+    rig.sync(0, "veh1", "veh1")
+    rig.motion(0)
+    assert not rig.drained().complete
+    rig.sync(0, "v2v")
+    assert rig.drained().complete
+    rig.inbox.take()
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 1
+
+
+def test_the_count_of_errors_is_that_up_to_the_newest_bench_sync() -> None:
+    """So it does not depend on how soon a frame was read."""
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0, turned_bit=1)
+    assert rig.drained().health.e2e_errors == 0
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 1
+
+
+def test_states_outside_their_value_table_make_a_frame_an_error_though_its_crc_is_good() -> None:
+    rig = Rig(REFERENCE)
+    rig.sync(0)
+    values = CODECS["veh1"].start_values("Reference")
+    can_id, data = CODECS["veh1"].encode("Reference", values, 0)
+    state = CODECS["veh1"].message("Reference").get_signal_by_name("ReferenceState")
+    impossible = int.from_bytes(data, "little") | (1 << state.length) - 1 << state.start
+    frame = bytearray(impossible.to_bytes(len(data), "little"))
+    protect(frame, CODECS["veh1"].data_id("Reference"), 0)
+    rig.far["veh1"].send(can_id, bytes(frame))
+    assert rig.step(REFERENCE) is None
+    assert rig.heard(REFERENCE) == Reception(ReceptionState.ERROR, 1)
+    rig.sync(1)
+    rig.send("veh1", "Reference", values | {"ReferenceState": 1}, 1)
+    assert rig.step(REFERENCE) is not None
+    assert rig.heard(REFERENCE) == Reception(ReceptionState.OK, 0)
+    assert rig.inbox.health.e2e_errors == 1
+
+
+@pytest.mark.parametrize("length", [0, 1, 7])
+def test_a_frame_of_another_length_is_an_error(length: int) -> None:
+    rig = Rig()
+    rig.sync(0)
+    can_id, data = CODECS["veh1"].encode("VehicleMotion", MOTION_VALUES, 0)
+    rig.far["veh1"].send(can_id, data[:length])
+    assert not rig.drained().complete
+    rig.absent(0, "VehicleMotion")
+    assert rig.step() is None
+    assert rig.heard() == Reception(ReceptionState.ERROR, 1)
+
+
+def test_an_announcement_with_a_wrong_crc_or_length_ends_no_wait() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.absent(0, "VehicleMotion", turned_bit=1)
+    can_id, data = CODECS["veh1"].encode("BenchAbsent", {"Identifier": MOTION_ID, "Cycle": 0}, 0)
+    rig.far["veh1"].send(can_id, data[:7])
+    assert not rig.drained().complete
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 2
+
+
+def test_an_announcement_after_the_frame_itself_takes_nothing_away() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0, v_x=12.0)
+    rig.absent(0, "VehicleMotion")
+    motion = rig.step()
+    assert motion is not None
+    assert motion["VelocityX"] == pytest.approx(12.0)
+
+
+def test_an_announcement_of_a_cycle_that_is_over_changes_nothing() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.absent(0, "VehicleMotion")
+    assert not rig.drained().complete
+    rig.sync(1)
+    rig.motion(1)
+    assert rig.step() is not None
+
+
+def test_an_announcement_of_another_message_is_of_no_concern() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.absent(0, "WheelSpeedsFront")
+    assert not rig.drained().complete
+    assert not rig.inbox.excused
+
+
+def test_a_frame_that_an_announcement_has_ruled_out_comes_too_late() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.absent(0, "VehicleMotion")
+    rig.motion(0)
+    assert rig.step() is None
+
+
+def test_an_announcement_of_the_nodes_own_frame_excuses_it_from_that_cycle_alone() -> None:
+    rig = Rig(own=(REFERENCE,))
+    rig.sync(0)
+    assert not rig.drained().excused
+    rig.absent(0, "Reference")
+    assert rig.drained().excused
+    rig.inbox.skip()
+    assert rig.inbox.cycle == 1
+    assert not rig.inbox.excused
+
+
+def test_a_peers_announcement_is_for_the_step_its_frame_would_have_taken_part_in() -> None:
+    rig = Rig(PEER)
+    rig.sync(0)
+    assert rig.step(PEER) is None
+    rig.sync(1)
+    rig.absent(0, "V2VPosition_2", "v2v")
+    assert rig.step(PEER) is None
+    assert rig.heard(PEER) == Reception(ReceptionState.INIT, 2)
+    rig.sync(2)
+    rig.peer(1, x=8.0)
+    heard = rig.step(PEER)
+    assert heard is not None
+    assert heard["X"] == pytest.approx(8.0, abs=1e-3)
+
+
+def test_a_skipped_cycle_is_one_more_without_a_frame_where_none_came() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.inbox.skip()
+    assert rig.heard() == Reception(ReceptionState.MISSING, 1)
+    rig.sync(2)
+    rig.motion(2)
+    assert rig.step() is not None, "the counter went on by two, for the cycle that brought no frame"
+
+
+def test_a_step_that_did_not_wait_is_one_more_without_a_frame() -> None:
+    rig = Rig()
+    rig.sync(0, command=RUN_REALTIME)
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.sync(1, command=RUN_REALTIME)
+    assert rig.drained().take()[MOTION] is None
+    assert rig.heard() == Reception(ReceptionState.MISSING, 1)
+    rig.sync(2, command=RUN_REALTIME)
+    rig.motion(2)
+    assert rig.step() is not None, "the counter went on by two, for the cycle that brought no frame"
+
+
+def test_a_skipped_cycle_uses_up_its_frame() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0)
+    rig.drained().skip()
+    assert rig.heard() == Reception(ReceptionState.OK, 0)
+    rig.sync(1)
+    assert not rig.drained().complete
+
+
+def test_a_message_is_lost_from_its_timeout_on() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0)
+    rig.step()
+    states = []
+    for cycle in range(1, TIMEOUT + 2):
+        rig.sync(cycle)
+        rig.absent(cycle, "VehicleMotion")
+        rig.step()
+        states.append(rig.heard().state)
+    assert states == [ReceptionState.MISSING] * (TIMEOUT - 1) + [ReceptionState.LOST] * 2
+
+
+def test_a_refusal_is_told_in_the_step_it_belongs_to_only() -> None:
+    rig = Rig()
+    for cycle, turned_bit in ((0, 0), (1, 1), (2, 0)):
+        rig.sync(cycle)
+        rig.motion(cycle, turned_bit=turned_bit)
+        rig.absent(cycle, "VehicleMotion")
+        rig.step()
+        assert rig.heard().state is (ReceptionState.ERROR if turned_bit else ReceptionState.OK)
+
+
+def test_a_good_frame_that_is_late_by_cycles_is_out_of_sequence() -> None:
+    rig = Rig()
+    for cycle in range(3):
+        rig.sync(cycle)
+        rig.absent(cycle, "VehicleMotion")
+        rig.step()
+    rig.sync(3)
+    rig.motion(1)
+    assert not rig.drained().complete
+    rig.absent(3, "VehicleMotion")
+    assert rig.step() is None
+    assert rig.heard().state is ReceptionState.WRONG_SEQUENCE
+    rig.sync(4)
+    assert rig.drained().health.e2e_errors == 1
+
+
+@pytest.mark.parametrize("first", [0, 13, 14, 15, 1234])
+def test_the_alive_counter_tells_the_cycle_beside_every_wrap(first: int) -> None:
+    rig = Rig()
+    rig.sync(first)
+    rig.motion(first, v_x=1.0)
+    assert rig.step() is not None
+    # A frame may be here before the BenchSync of its cycle, not earlier.
+    rig.motion(first + 1, v_x=2.0)
+    rig.sync(first + 1)
+    motion = rig.step()
+    assert motion is not None
+    assert motion["VelocityX"] == pytest.approx(2.0)
+    assert rig.inbox.cycle == first + 2
+
+
+def test_a_node_that_joins_forgets_what_it_could_not_number() -> None:
+    rig = Rig(MOTION, PEER)
+    rig.motion(1236)
+    rig.peer(1236, x=1.0)
+    rig.sync(1237)
+    rig.motion(1237, v_x=9.0)
+    assert rig.drained().cycle == 1237
+    assert rig.inbox.complete, "what is sent by radio was sent before it was there, and is not waited for"
+    inputs = rig.inbox.take()
+    motion = inputs[MOTION]
+    assert motion is not None
+    assert motion["VelocityX"] == pytest.approx(9.0)
+    assert inputs[PEER] is None
+
+
+def test_stop_is_told_and_opens_no_cycle() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.drained()
+    assert not rig.inbox.stopped
+    rig.sync(1, command=STOP)
+    assert rig.drained().stopped
+    assert rig.inbox.opened == 0
+
+
+def test_in_real_time_the_cycles_that_are_over_are_left_out_and_counted() -> None:
+    rig = Rig()
+    for cycle in range(3):
+        rig.sync(cycle, command=RUN_REALTIME)
+    rig.drained().catch_up()
+    assert rig.inbox.cycle == 2
+    assert rig.inbox.health.late_cycles == 2
+
+
+def test_in_virtual_time_no_cycle_is_left_out() -> None:
+    rig = Rig()
+    for cycle in range(3):
+        rig.sync(cycle)
+    rig.drained().catch_up()
+    assert rig.inbox.cycle == 0
+    assert rig.inbox.health.late_cycles == 0
+
+
+def test_a_cycle_opened_at_the_earliest_that_any_bench_sync_tells() -> None:
+    """A node that was busy reads a BenchSync late, but not every one."""
+    rig = Rig()
+    rig.now = 100.0
+    rig.sync(0)
+    rig.drained()
+    assert rig.inbox.opened_at == pytest.approx(100.0)
+    rig.now = 100.017  # 7 ms late
+    rig.sync(1)
+    assert rig.drained().opened_at == pytest.approx(100.01)
+    rig.now = 100.015  # 5 ms early: so the first one was read late
+    rig.sync(2)
+    assert rig.drained().opened_at == pytest.approx(100.015)
+
+
+@pytest.mark.parametrize(
+    ("topic", "said"),
+    [
+        (Topic("veh1", "Nonsense"), r"input Nonsense does not exist on bus veh1.*VehicleMotion"),
+        (Topic("veh1", "PlannerStatus"), "input PlannerStatus on bus veh1 has no alive counter"),
+        (Topic("veh2", "VehicleMotion"), "input VehicleMotion is on bus veh2; this node has veh1, v2v"),
+    ],
+)
+def test_inputs_that_cannot_be_are_refused(topic: Topic, said: str) -> None:
+    with pytest.raises(BadInput, match=said):
+        Rig(topic)
+
+
+def test_frames_that_are_no_input_do_not_matter() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.far["veh1"].send(0x7FF, b"")
+    rig.send("veh1", "WheelSpeedsFront", CODECS["veh1"].start_values("WheelSpeedsFront"), 0, turned_bit=1)
+    assert not rig.drained().complete
+    rig.motion(0)
+    assert rig.step() is not None
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 0
+
+
+@pytest.mark.parametrize(
+    ("fault", "motion_lost", "peer_lost"),
+    [
+        (BusOff(at_s=0.01, for_s=0.01, node="veh1.planner"), True, False),
+        (V2VOutage(at_s=0.01, for_s=0.01, vehicle=1), False, True),
+        (BusOff(at_s=0.01, for_s=0.01, node="veh1.tracker"), False, False),
+        (V2VOutage(at_s=0.01, for_s=0.01, vehicle=2), False, False),
+    ],
+)
+def test_a_node_that_is_off_a_bus_gets_nothing_from_it_while_that_lasts(
+    fault: Fault, motion_lost: bool, peer_lost: bool
+) -> None:
+    rig = Rig(MOTION, PEER, faults=(fault,))
+    rig.peer(0, x=1.0)
+    got = []
+    for cycle in range(3):
+        rig.sync(cycle)
+        rig.motion(cycle)
+        assert rig.drained().complete
+        got.append(rig.inbox.take())
+        rig.peer(cycle + 1, x=1.0)
+    assert [inputs[MOTION] is None for inputs in got] == [False, motion_lost, False]
+    assert [inputs[PEER] is None for inputs in got[1:]] == [peer_lost, False]
