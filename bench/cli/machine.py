@@ -1,0 +1,46 @@
+"""What this machine can do: `platoon doctor`, and `platoon vcan`, which brings CAN links where the kernel has none."""
+
+from typing import Annotated
+
+import typer
+
+from bench.cli.options import LOGS
+
+
+def add_machine(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command(
+        epilog="Exit code: the command's own, 128 + n where signal n ended it; 2 where there is no CAN to be had.",
+        context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
+    )(vcan)
+    app.command()(doctor)
+
+
+def vcan(
+    command: Annotated[list[str], typer.Argument(metavar="[--] COMMAND...", help="Any command with its arguments.")],
+    memory: Annotated[int, typer.Option(metavar="MB", help="The most memory that the small kernel may take.")] = 2048,
+) -> None:
+    """Run a command where the CAN links vcan0 to vcan16 are, also on a machine whose kernel has no CAN.
+
+    Where this kernel has the links, or lets you make them, the command runs here, and the links stay. Elsewhere it runs
+    in user-mode Linux, a kernel that is an ordinary program: one core, this machine's files, your rights on them. What
+    the command leaves running ends with it there.
+    """
+    from bench.vcan.run import run_command
+
+    raise typer.Exit(run_command(command, memory))
+
+
+def doctor() -> None:
+    """Report what this machine can do and how to install what is missing. Exit code 1 if no run would work."""
+    from bench.cli.doctor import examine
+
+    can_run = True
+    for finding in examine(LOGS):
+        mark = typer.style("ok     ", fg="green") if finding.fine else typer.style("missing", fg="yellow")
+        typer.echo(f"{mark}  {finding.subject:14}  {finding.found}")
+        if not finding.fine:
+            for line in finding.mend.splitlines():
+                typer.echo(f"{'':25}> {line.strip()}")
+        can_run &= finding.fine or not finding.needed
+    raise typer.Exit(0 if can_run else 1)

@@ -1,0 +1,37 @@
+"""Options and defaults that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+LOGS = Path("logs")
+"""Where runs land if not told otherwise, in the working directory."""
+
+EXIT_CODES = "Exit codes: 0 done, 1 the run failed, formed no platoon or had vehicles too near each other, 2 bad input."
+
+Log = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
+ScenarioName = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="The name of a shipped scenario, or a TOML file.")
+]
+Buses = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--can",
+        metavar="[BUS=]udp|vcan|direct|IFACE:CHANNEL",
+        help="Where the CAN buses are, all or, with BUS= before it, one: udp (multicast on this host; udp:PORT for "
+        "fixed ports; udp:PORT@DEVICE to reach other hosts), vcan (SocketCAN vcan0, vcan1 ...), direct (all in one "
+        "process), or any python-can interface. udp if not given.",
+        show_default=False,
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scenario: --set vehicles.0.x_m=5.0"),
+]
+Seed = Annotated[int | None, typer.Option(help="Override the scenario's seed.")]
+
+
+def report_path(log: Path) -> Path:
+    """Return where the report of a log is written unless told otherwise."""
+    return log.with_suffix(".html")

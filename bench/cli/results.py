@@ -1,0 +1,102 @@
+"""What came of a run, from its log: `platoon metrics`, `report`, `diff`, `live`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bench.cli.options import Log, report_path
+from bench.files import check_report, readable_log
+
+
+def add_results(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command()(metrics)
+    app.command()(report)
+    app.command(epilog="Exit codes: 0 the same frames, 1 different ones, 2 bad input.")(diff)
+    app.command()(live)
+
+
+def metrics(
+    log: Log, as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False
+) -> None:
+    """Show the metrics of a run, computed from its log alone."""
+    from bench.analysis.metrics import compute
+    from bench.record.reader import Run
+
+    figures = compute(Run(readable_log(log)))
+    if as_json:
+        typer.echo(json.dumps(figures.as_dict(), indent=2))
+        return
+    from bench.cli.summary import show_metrics
+
+    show_metrics(figures)
+
+
+def report(
+    log: Log,
+    other: Annotated[
+        Path | None, typer.Argument(metavar="[OTHER.mcap]", help="The log of a run to overlay.", show_default=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
+) -> None:
+    """Write the report of a run, or of two overlaid: one HTML file that works offline."""
+    from bench.analysis.report import write
+    from bench.record.reader import Run
+
+    run, second = Run(readable_log(log)), None if other is None else Run(readable_log(other))
+    beside = log if other is None else log.with_name(f"{log.stem}-and-{other.stem}.mcap")
+    target = out or report_path(beside)
+    check_report(target)
+    write(run, target, second)
+    typer.echo(str(target))
+
+
+def diff(
+    a: Annotated[Path, typer.Argument(metavar="A.mcap", help="The log of a run.")],
+    b: Annotated[Path, typer.Argument(metavar="B.mcap", help="The log to compare it with.")],
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="F.html", help="Write a page that plots what differs and overlays both runs."),
+    ] = None,
+) -> None:
+    """Compare the frames of two runs, ignoring messages that carry wall-clock times."""
+    from bench.record.compare import diff as compare
+
+    logs = readable_log(a), readable_log(b)
+    if plot is not None:
+        from bench.analysis.report import check_drawable
+        from bench.record.reader import Run
+
+        check_report(plot)
+        runs = [Run(log) for log in logs]
+        for run in runs:
+            check_drawable(run)
+    difference = compare(*logs)
+    typer.echo(str(difference))
+    if plot is not None:
+        from bench.analysis.differences import MAX_SIGNALS
+        from bench.analysis.report import write
+
+        write(runs[0], plot, runs[1], difference.signals)
+        some = f", of the first {MAX_SIGNALS} signals" if len(difference.signals) > MAX_SIGNALS else ""
+        typer.echo(f"plot:   {plot}{some}")
+    raise typer.Exit(0 if difference.same else 1)
+
+
+def live(
+    log: Log,
+    address: Annotated[
+        str, typer.Option(metavar="HOST:PORT", help="Where to listen, for Foxglove on the port after it.")
+    ] = "127.0.0.1:0",
+) -> None:
+    """Serve a log's page as `run --live` does, even while it is being written, until Ctrl-C."""
+    from bench.live.address import LiveAddress
+    from bench.live.session import check_available
+
+    where = LiveAddress.parse(address)
+    check_available()
+    from bench.live.alone import serve_alone
+
+    serve_alone(readable_log(log), where, typer.echo)

@@ -1,0 +1,282 @@
+"""`platoon run` and what goes with a run: the scenarios, an ECU alone, a fault while it goes on."""
+
+import sys
+from contextlib import ExitStack
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.cli.fmu import say_first_use, vehicle_fmu
+from bench.cli.options import EXIT_CODES, LOGS, Buses, Overrides, ScenarioName, Seed, report_path
+from bench.errors import BadInput
+from bench.files import check_directory, check_new
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from bench.live.session import LiveSession
+
+
+class Role(StrEnum):
+    """What an ECU is for."""
+
+    PLANNER = "planner"
+    TRACKER = "tracker"
+
+
+def add_run(app: typer.Typer) -> None:
+    """Add the commands to the app."""
+    app.command(epilog=EXIT_CODES)(run)
+    app.command()(scenarios)
+    app.command()(ecu)
+    app.command()(fault)
+
+
+def run(
+    scenario: ScenarioName = "formation",
+    can: Buses = None,
+    clock: Annotated[
+        str,
+        typer.Option(
+            metavar="lockstep|realtime",
+            help="lockstep: simulated time, as fast as the machine goes; realtime: the wall clock.",
+        ),
+    ] = "lockstep",
+    overrides: Overrides = None,
+    seed: Seed = None,
+    out: Annotated[Path | None, typer.Option(help="The log to write; logs/SCENARIO-TIME.mcap if not given.")] = None,
+    no_report: Annotated[bool, typer.Option("--no-report", help="Write no report beside the log.")] = False,
+    ecu: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ROLE=CLASS", help="Another ECU class: --ecu tracker=my_ecu.py:MyTracker"),
+    ] = None,
+    without: Annotated[
+        list[str] | None,
+        typer.Option(metavar="ECU", help="Exclude a built-in ECU, to start your own by hand: --without veh1.tracker"),
+    ] = None,
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=0, help="How long to wait for the ECUs of --without.")
+    ] = 120.0,
+    live: Annotated[bool, typer.Option("--live", help="Serve the report's page, and Foxglove, while it runs.")] = False,
+    live_address: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HOST:PORT",
+            help="Where --live listens, Foxglove on the port after it; a free port of 127.0.0.1 if not given.",
+        ),
+    ] = None,
+) -> None:
+    """Run a scenario, write its log and report, and show its metrics."""
+    from bench.bus.link.address import Address
+    from bench.scenario import load
+
+    if clock not in ("lockstep", "realtime"):
+        raise BadInput(f"--clock {clock}: no such clock; allowed: lockstep, realtime")
+    loaded = load(scenario, overrides or (), seed)
+    address = Address.parse(*(can or loaded.bus_texts))
+    ecus = _ecu_classes(ecu or [])
+    log = _log_path(out, loaded.name, with_report=not no_report)
+    fmu = _prepared_fmu()
+
+    with ExitStack() as stack:
+        session = stack.enter_context(_live(log, live_address)) if live or live_address else None
+        from bench.cli.summary import following, show_metrics, show_timing
+        from bench.conductor import run as conductor
+
+        if session is not None:
+            typer.echo(session.served())
+        on_progress = stack.enter_context(following(loaded.name, loaded.duration_s))
+
+        def tell(time_s: float) -> None:
+            on_progress(time_s)
+            if session is not None:
+                session.check()
+
+        result = conductor.run(
+            loaded,
+            address=address,
+            out=log,
+            command_line=["platoon", *sys.argv[1:]],
+            on_progress=tell,
+            ecus=ecus,
+            without=without or (),
+            without_wait_s=wait,
+            on_waiting=_warn,
+            fmu=fmu,
+            realtime=clock == "realtime",
+        )
+
+    from bench.analysis.metrics import compute
+    from bench.analysis.requirements import LEAST_DISTANCE_M
+    from bench.analysis.timing import timing
+    from bench.record.reader import Run
+
+    recorded = Run(result.path)
+    figures = compute(recorded)
+    show_metrics(figures)
+    times = timing(recorded)
+    if times is not None:
+        show_timing(times, result.scheduling)
+    typer.echo(f"log:    {result.path}")
+    if not no_report:
+        from bench.analysis.report import write
+
+        report = report_path(result.path)
+        write(recorded, report)
+        typer.echo(f"report: {report}")
+    failures = []
+    if figures.formation_time_s is None:
+        failures.append(f"did not form a platoon in {loaded.duration_s:g} s")
+    if figures.least_distance_m is not None and figures.least_distance_m <= LEAST_DISTANCE_M:
+        least = f"{figures.least_distance_m:.2f} m of each other, centre to centre"
+        failures.append(f"brought vehicles within {least}, where {LEAST_DISTANCE_M:g} m is the least")
+    if failures:
+        typer.echo(f"platoon: {loaded.name} {' and '.join(failures)}", err=True)
+        raise typer.Exit(1)
+
+
+def scenarios(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one, as a template.")] = None,
+) -> None:
+    """List the shipped scenarios, or print one of them."""
+    from bench.scenario import SCENARIO_DIR, load, shipped
+
+    if name is None:
+        names = shipped()
+        width = max(map(len, names))
+        for each in names:
+            typer.echo(f"{each:{width}}  {load(each).description}")
+        return
+    if name not in shipped():
+        raise BadInput(f"No scenario {name!r}; shipped are {', '.join(shipped())}.")
+    typer.echo((SCENARIO_DIR / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
+
+
+def ecu(
+    role: Annotated[Role, typer.Argument(help="Which of a vehicle's ECUs.")],
+    vehicle: Annotated[int, typer.Option(min=1, help="The number of the vehicle, from 1.")],
+    can: Annotated[
+        list[str],
+        typer.Option(metavar="[BUS=]udp:PORT|vcan|IFACE:CHANNEL", help="The buses, as the run has them: all, or each."),
+    ],
+    scenario: Annotated[str, typer.Option(help="The scenario, as the run has it.")] = "formation",
+    overrides: Overrides = None,
+    seed: Seed = None,
+    spec: Annotated[
+        str | None,
+        typer.Option("--class", metavar="CLASS", help="Another class: my_ecu.py:MyTracker, my.module:MyTracker"),
+    ] = None,
+) -> None:
+    """Run one ECU alone, for example on another host; start the run with `--without veh1.tracker`."""
+    from bench.bus.link.address import Address
+    from bench.ecu.main import DEFAULT_ECUS, serve_ecu
+    from bench.scenario import load
+
+    loaded = load(scenario, overrides or (), seed)
+    address = Address.parse(*can)
+    if address.hub is not None:
+        raise BadInput("--can direct: an ECU alone is a process of its own; allowed: udp:PORT, vcan, IFACE:CHANNEL")
+    serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, address)
+
+
+def fault(
+    kind: Annotated[
+        str | None, typer.Argument(metavar="[KIND]", help="The kind of fault; all kinds are listed if not given.")
+    ] = None,
+    keys: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[KEY=VALUE]...", help="Target and settings, as in a scenario: ecu=veh2.tracker, for_s=1.0."
+        ),
+    ] = None,
+    run: Annotated[str | None, typer.Option(help="Part of the bench's name, if several are running.")] = None,
+) -> None:
+    """Inject a fault into a running bench.
+
+    For example: platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
+    """
+    from bench.cli.fault_words import describe_kinds, parse
+    from bench.conductor.fault_desk import ask
+
+    if kind is None:
+        typer.echo(describe_kinds(), nl=False)
+        return
+    answer = ask(run, parse(kind, keys or []))
+    typer.echo(f"{kind} at {answer['at_s']:g} s")
+
+
+def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession]":
+    """Serve a log while the context lasts.
+
+    Raises:
+        BadInput: not an address, or the packages for it are not installed.
+    """
+    from bench.live.address import DEFAULT, LiveAddress
+    from bench.live.session import live
+
+    return live(log, LiveAddress.parse(address or DEFAULT), _warn)
+
+
+def _prepared_fmu() -> Path:
+    """Return the vehicle's FMU, with all compiled that a run needs: of an installed package, it is done here, once.
+
+    Raises:
+        BadInput: there is no FMU, and none can be built.
+    """
+    from platoon_fmu.build import in_checkout
+
+    fmu = vehicle_fmu()
+    if not in_checkout():
+        from bench.cli.warm_up import warm_up_once
+
+        warm_up_once(fmu.parent, say_first_use)
+    return fmu
+
+
+def _warn(text: str) -> None:
+    typer.echo(f"platoon: {text}", err=True)
+
+
+def _ecu_classes(chosen: list[str]) -> dict[str, str]:
+    """Return the class of each role's ECU: the bench's own but for the chosen ones.
+
+    Raises:
+        BadInput: not ROLE=CLASS, or no such role.
+    """
+    from bench.ecu.main import DEFAULT_ECUS
+
+    classes = dict(DEFAULT_ECUS)
+    for choice in chosen:
+        role, _, spec = choice.partition("=")
+        if role not in classes or not spec:
+            raise BadInput(f"--ecu {choice}: want ROLE=CLASS with a role of {', '.join(classes)}")
+        classes[role] = spec
+    return classes
+
+
+def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
+    """Return where the log goes, known to be free and writable.
+
+    Raises:
+        BadInput: it cannot be written there.
+    """
+    if out is None:
+        if LOGS.exists() and not LOGS.is_dir():
+            raise BadInput(f"{LOGS} is a file, where runs should land; name another place with --out")
+        check_directory(LOGS / "any" if LOGS.exists() else LOGS)
+        LOGS.mkdir(exist_ok=True)
+        # With milliseconds, so that runs started together get a log each.
+        moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
+        return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
+    check_new(out, ".mcap", option="--out")
+    if with_report:
+        check_new(report_path(out), ".html", option="--out")
+    try:
+        out.touch(exist_ok=False)
+        out.unlink()
+    except OSError as error:
+        raise BadInput(f"{out} cannot be made: {error.strerror}") from error
+    return out
