@@ -90,7 +90,7 @@ def signals(
     """List signals and true values: name, unit, how many values, from when to when."""
     from bench.record.reader import Run
 
-    found = Run(readable_log(log)).signal_frame(pattern, ranges=ranges).drop("comment")
+    found = Run(readable_log(log)).signal_table(pattern, ranges=ranges).drop("comment")
     # Numbers to the right of their columns, text to the left.
     texts = [[name, *map(_cell, found[name])] for name in found.columns]
     signs = ["<" if name in ("name", "unit") else ">" for name in found.columns]

@@ -1,12 +1,12 @@
-"""Signals as polars data frames: joined on one time base, messages as they were, events.
+"""Signals as polars tables: joined on one time base, messages as they were, events.
 
-Time is the column `t` in s. A frame goes to pandas through Arrow: `frame.to_pandas()`.
+Time is the column `t` in s. A table goes to pandas through Arrow: `table.to_pandas()`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,14 +16,12 @@ from bench.errors import BadInput
 from bench.mcap.time_span import FOREVER_NS, NS, Span, to_ns
 from bench.record.catalogue import Place
 from bench.record.columns import Columns
+from bench.record.event import Event
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import TopicReader
 
-if TYPE_CHECKING:
-    from bench.record.reader import Event
-
 MAX_ROWS = 50_000_000
-"""Rows of a frame, at most: a step that makes more is taken for a slip."""
+"""Rows of a table, at most: a step that makes more is taken for a slip."""
 
 Times = npt.NDArray[np.int64]
 
@@ -31,7 +29,7 @@ Times = npt.NDArray[np.int64]
 def joined(
     log: TopicReader, places: Mapping[str, Place], span: Span, every_s: float | None, *, labels: bool
 ) -> pl.DataFrame:
-    """Return the signals of `places` (name -> place) joined, see `Run.frame`.
+    """Return the signals of `places` (name -> place) joined, see `Run.table`.
 
     Raises:
         BadInput: the step is no time, or makes too many rows.
@@ -67,21 +65,21 @@ def step_ns(every_s: float) -> int:
     return step
 
 
-def message_frame(columns: Columns, decoder: TopicDecoder, *, labels: bool) -> pl.DataFrame:
+def message_table(columns: Columns, decoder: TopicDecoder, *, labels: bool) -> pl.DataFrame:
     """Return the values of a topic as they are."""
     series = [_series(name, columns[name], decoder, name, labels=labels) for name in decoder.names]
     return pl.DataFrame([pl.Series("t", columns["t"]), *series])
 
 
-def event_frame(events: Sequence[Event]) -> pl.DataFrame:
+def event_table(events: Sequence[Event]) -> pl.DataFrame:
     """Return events as `t`, `level`, `source` and `text`."""
     rows = [(event.time_s, event.level, event.source, event.text) for event in events]
     schema = {"t": pl.Float64, "level": pl.String, "source": pl.String, "text": pl.String}
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 
-def signal_frame(log: TopicReader, places: Mapping[str, Place], *, ranges: bool) -> pl.DataFrame:
-    """Return what is known of the signals of `places` (name -> place), see `Run.signal_frame`."""
+def signal_table(log: TopicReader, places: Mapping[str, Place], *, ranges: bool) -> pl.DataFrame:
+    """Return what is known of the signals of `places` (name -> place), see `Run.signal_table`."""
     spans = {topic: log.span(topic) for topic in {place.topic for place in places.values()}}
     limits = _limits(log, places) if ranges else {}
     rows = []

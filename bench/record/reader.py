@@ -1,11 +1,11 @@
-"""A recorded run, read back: signals, truth and frames as numpy arrays, or joined as a data frame.
+"""A recorded run, read back: signals, truth and frames as numpy arrays, or joined as a table.
 
 Nothing but what is asked for is read, and only that of a short log is kept. A log that was cut off (a killed run) is
 read up to its last whole chunk, after one warning.
 
     run = Run("logs/formation.mcap")
     t, rate = run.signal("veh1.VehicleMotion.YawRate")
-    frame = run.frame(["truth.*.v_x", "veh1.TrackerTarget.VelocityX"], start_s=2.0, every_s=0.01)
+    table = run.table(["truth.*.v_x", "veh1.TrackerTarget.VelocityX"], start_s=2.0, every_s=0.01)
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import json
 import tomllib
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,29 +28,19 @@ from bench.record import foxglove
 from bench.record.can_frame import MAX_DATA, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
+from bench.record.event import Event
 from bench.record.frame_table import FRAME_TABLE, frames_of
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import LogDamaged, TopicReader
+from bench.scenario import Scenario
 
 if TYPE_CHECKING:
     import polars as pl
-
-    from bench.scenario import Scenario
 
 __all__ = ["FRAME_TABLE", "Columns", "Event", "LogDamaged", "Run"]
 
 KEPT_BYTES = 32 * 1024 * 1024
 """Decoded topics that are kept in memory, at most, beside the one that was asked for last."""
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened: `level` as in `foxglove.LEVELS`, `source` who says so."""
-
-    time_s: float
-    level: str
-    source: str
-    text: str
 
 
 class Run:
@@ -130,9 +119,6 @@ class Run:
         Raises:
             BadInput: the log carries none that this version can read.
         """
-        # Logs are also read where no scenario is wanted, and its validation takes a while to import.
-        from bench.scenario import Scenario
-
         try:
             return Scenario.model_validate_json(json.dumps(tomllib.loads(self.scenario_text)))
         except ValueError as error:
@@ -227,7 +213,7 @@ class Run:
         check_text(pattern=pattern)
         return self.catalogue.matching(pattern)
 
-    def frame(
+    def table(
         self,
         names: str | Sequence[str],
         *,
@@ -238,8 +224,8 @@ class Run:
     ) -> pl.DataFrame:
         """Return signals joined on one time base: the column `t` in s, and a column for each signal.
 
-        At each time a signal has the last value that it had until then, also from before `start_s`; null where it had
-        none. Of several at one time it is the last in the file.
+        A signal is sampled with zero-order hold, also from before `start_s`; null where it had no value yet. Of several
+        values at one time the last in the file counts.
 
         Args:
             names: names or patterns, as of `names`.
@@ -258,7 +244,7 @@ class Run:
         chosen = self.catalogue.chosen(names)
         return joined(self.log, chosen, Span.of(start_s, end_s), every_s, labels=labels)
 
-    def message_frame(
+    def message_table(
         self, message: str, *, start_s: float | None = None, end_s: float | None = None, labels: bool = False
     ) -> pl.DataFrame:
         """Return a message as it was, a row for each time it was sent: `t` in s and its signals.
@@ -272,24 +258,24 @@ class Run:
         Raises:
             BadInput: there is no such message.
         """
-        from bench.record.joining import message_frame
+        from bench.record.joining import message_table
 
         check_text(message=message)
         topic = self.catalogue.topic(message)
-        return message_frame(self._table(topic, Span.of(start_s, end_s)), self.log.decoder(topic), labels=labels)
+        return message_table(self._table(topic, Span.of(start_s, end_s)), self.log.decoder(topic), labels=labels)
 
-    def event_frame(self, *, start_s: float | None = None, end_s: float | None = None) -> pl.DataFrame:
+    def event_table(self, *, start_s: float | None = None, end_s: float | None = None) -> pl.DataFrame:
         """Return the events, or those with start_s <= t < end_s: `t` in s, `level`, `source` and `text`.
 
         Raises:
             BadInput: a time is no good.
         """
-        from bench.record.joining import event_frame
+        from bench.record.joining import event_table
 
         span = Span.of(start_s, end_s)
-        return event_frame(self.events if span == ALL else self._events(span))
+        return event_table(self.events if span == ALL else self._events(span))
 
-    def signal_frame(self, pattern: str = "*", *, ranges: bool = False) -> pl.DataFrame:
+    def signal_table(self, pattern: str = "*", *, ranges: bool = False) -> pl.DataFrame:
         """Return what is known of signals: `name`, `unit`, `values` (how many), `start_s`, `end_s`, `comment`.
 
         Args:
@@ -299,9 +285,9 @@ class Run:
         Raises:
             BadInput: nothing matches.
         """
-        from bench.record.joining import signal_frame
+        from bench.record.joining import signal_table
 
-        return signal_frame(self.log, self.catalogue.chosen(pattern), ranges=ranges)
+        return signal_table(self.log, self.catalogue.chosen(pattern), ranges=ranges)
 
     def unit(self, topic: str, name: str = "") -> str:
         """Return the unit of a value, empty for none.

@@ -39,22 +39,22 @@ def test_names_are_bus_message_and_signal(run):
     [
         (lambda run: run.signal("veh1.VehicleMotoin.YawRate"), r"no signal .*; near are veh1\.VehicleMotion\.YawRate"),
         (lambda run: run.signal("yawrate"), r"no signal 'yawrate'; near are .*VehicleMotion\.YawRate"),
-        (lambda run: run.frame(["truth.veh1.X", "truth.veh3.*"]), r"no signal 'truth\.veh3\.\*'; near are truth\.veh"),
-        (lambda run: run.message_frame("veh1.Vehiclemotion"), r"no message .*; near are veh1\.VehicleMotion"),
+        (lambda run: run.table(["truth.veh1.X", "truth.veh3.*"]), r"no signal 'truth\.veh3\.\*'; near are truth\.veh"),
+        (lambda run: run.message_table("veh1.Vehiclemotion"), r"no message .*; near are veh1\.VehicleMotion"),
         (lambda run: run.unit("qqq"), r"no signal 'qqq'; it has \d+, among them v2v\.BenchSync"),
-        (lambda run: run.frame([]), "no signal was asked for"),
-        (lambda run: run.frame("truth.veh1.X", every_s=0.0), "every_s 0.0: want a step in s, at least 1e-9"),
-        (lambda run: run.frame("truth.veh1.X", every_s=1e-9), "makes .* rows, more than"),
-        (lambda run: run.frame("truth.veh1.X", start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
+        (lambda run: run.table([]), "no signal was asked for"),
+        (lambda run: run.table("truth.veh1.X", every_s=0.0), "every_s 0.0: want a step in s, at least 1e-9"),
+        (lambda run: run.table("truth.veh1.X", every_s=1e-9), "makes .* rows, more than"),
+        (lambda run: run.table("truth.veh1.X", start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
         (lambda run: run.signal("truth.veh1.X", start_s=float("nan")), "--from / start_s nan: want a time in s"),
         (lambda run: run.signal(3), r"bus 3: want a name as text, for example 'veh1\.Veh"),
         (lambda run: run.signal("veh1", None), "message None: want a name"),
-        (lambda run: run.message_frame(None), "message None: want a name"),
-        (lambda run: run.frame(None), "names None: want a name"),
-        (lambda run: run.frame([3]), "names 3: want a name"),
+        (lambda run: run.message_table(None), "message None: want a name"),
+        (lambda run: run.table(None), "names None: want a name"),
+        (lambda run: run.table([3]), "names 3: want a name"),
         (lambda run: run.unit(3), "topic 3: want a name"),
         (lambda run: run.names(None), "pattern None: want a name"),
-        (lambda run: run.event_frame(start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
+        (lambda run: run.event_table(start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
     ],
 )
 def test_a_slip_is_told_with_what_is_near(run, ask, answer):
@@ -80,41 +80,41 @@ def test_a_joined_signal_has_the_last_value_it_had_and_never_a_later_one(
             writer.truth(vehicle, at * ms, [float(value)] * len(TRUTH_NAMES))
     if not (a and b):
         return
-    frame = Run(path).frame(
+    joined = Run(path).table(
         "truth.*.X", start_s=start / 1e3, end_s=(start + length) / 1e3, every_s=every and every / 1e3
     )
     inside = range(start, start + length)
     base = [at for at in inside if at in a or at in b] if every is None else list(inside[::every])
-    assert np.rint(frame["t"].to_numpy() * 1e3).tolist() == base
+    assert np.rint(joined["t"].to_numpy() * 1e3).tolist() == base
     for vehicle, own in ((1, a), (2, b)):
         # In `own` the value of an entry is its place.
         wanted = [max((n for n, at in enumerate(own) if at <= now), default=None) for now in base]
-        assert frame[f"truth.veh{vehicle}.X"].to_list() == wanted
+        assert joined[f"truth.veh{vehicle}.X"].to_list() == wanted
 
 
 def test_without_a_start_the_steps_begin_where_the_signals_do(run):
-    frame = run.frame(["truth.veh1.X", "veh2.VehicleMotion.YawRate"], every_s=0.005)
-    assert frame.columns == ["t", "truth.veh1.X", "veh2.VehicleMotion.YawRate"]
-    assert frame["t"].to_list() == [n * 5 / 1e3 for n in range(79)]
-    assert frame["truth.veh1.X"][::2].to_list() == run.truth(1)["X"].tolist()
-    assert frame["truth.veh1.X"][1::2].to_list() == run.truth(1)["X"][:-1].tolist()
+    joined = run.table(["truth.veh1.X", "veh2.VehicleMotion.YawRate"], every_s=0.005)
+    assert joined.columns == ["t", "truth.veh1.X", "veh2.VehicleMotion.YawRate"]
+    assert joined["t"].to_list() == [n * 5 / 1e3 for n in range(79)]
+    assert joined["truth.veh1.X"][::2].to_list() == run.truth(1)["X"].tolist()
+    assert joined["truth.veh1.X"][1::2].to_list() == run.truth(1)["X"][:-1].tolist()
 
 
 def test_states_come_as_numbers_or_by_name(run):
     name = "veh1.TrackerStatus.GainSource"
-    numbers, names = (run.frame(name, labels=labels)[name] for labels in (False, True))
+    numbers, names = (run.table(name, labels=labels)[name] for labels in (False, True))
     assert numbers.to_list() == run.signal(name)[1].tolist()
-    table = run.log.decoder("/signals/veh1/TrackerStatus").labels["GainSource"]
-    assert names.to_list() == [table.get(number, str(number)) for number in numbers]
+    labels = run.log.decoder("/signals/veh1/TrackerStatus").labels["GainSource"]
+    assert names.to_list() == [labels.get(number, str(number)) for number in numbers]
     assert isinstance(names.dtype, pl.Enum)
     assert names.dtype.categories.to_list()[:4] == ["SDP", "PreviousGain", "LQR", "None"]
-    message = run.message_frame("veh1.TrackerStatus", labels=True)
+    message = run.message_table("veh1.TrackerStatus", labels=True)
     assert message["GainSource"].to_list() == names.to_list()
     assert list(message.columns) == ["t", *(field for field in run.message("veh1", "TrackerStatus") if field != "t")]
 
 
 def test_what_is_known_of_signals(run):
-    (row,) = run.signal_frame("veh1.VehicleMotion.YawRate", ranges=True).to_dicts()
+    (row,) = run.signal_table("veh1.VehicleMotion.YawRate", ranges=True).to_dicts()
     values = run.signal("veh1.VehicleMotion.YawRate")[1]
     assert "Yaw rate" in row.pop("comment")
     assert row == {
@@ -124,11 +124,11 @@ def test_what_is_known_of_signals(run):
 
 
 def test_events_and_pandas(run, recorded):
-    events = run.event_frame()
+    events = run.event_table()
     assert events["text"].to_list() == [text for _, _, _, text in recorded.events]
     assert events["t"].to_list() == [0.03, 0.13, 0.23, 0.33]
-    frame = run.frame("truth.veh?.X")
-    assert np.array_equal(frame.to_pandas().to_numpy(), frame.to_numpy())
+    table = run.table("truth.veh?.X")
+    assert np.array_equal(table.to_pandas().to_numpy(), table.to_numpy())
 
 
 @pytest.mark.parametrize(("start_s", "end_s"), [(None, None), (0.1, 0.2), (None, 0.05), (0.35, None), (5.0, 6.0)])
@@ -145,7 +145,7 @@ def test_a_slice_is_what_is_of_these_times(run, recorded, start_s, end_s):
         assert list(zip(truth["t"].tolist(), truth["X"].tolist(), strict=True)) == rows
         assert reader.signal("truth.veh1.X", **span)[1].tolist() == [x for _, x in rows]
         events = [text for time_ns, _, _, text in recorded.events if start_ns <= time_ns < end_ns]
-        assert reader.event_frame(**span)["text"].to_list() == events
+        assert reader.event_table(**span)["text"].to_list() == events
 
 
 def damaged_but(recorded, path, keep):
@@ -197,7 +197,7 @@ def test_a_log_that_is_still_written_is_read_as_far_as_it_goes(tmp_path, codecs)
         run = Run(tmp_path / "run.mcap")
     assert run.signal("veh1.VehicleMotion.YawRate")[0].tolist() == [cycle / 100 for cycle in range(10)]
     writer.close({})
-    assert len(Run(tmp_path / "run.mcap").frame("veh1.VehicleMotion.YawRate")) == 20
+    assert len(Run(tmp_path / "run.mcap").table("veh1.VehicleMotion.YawRate")) == 20
 
 
 def test_by_its_summary_and_record_by_record_a_log_is_the_same(recorded, run, tmp_path):
@@ -210,7 +210,7 @@ def test_by_its_summary_and_record_by_record_a_log_is_the_same(recorded, run, tm
     assert not walked.damage
     assert walked.names() == run.names()
     assert (walked.metadata, walked.attachments) == (run.metadata, run.attachments)
-    assert walked.frame("*").equals(run.frame("*"), null_equal=True)
+    assert walked.table("*").equals(run.table("*"), null_equal=True)
     assert {t: (walked.log.count(t), walked.log.span(t)) for t in walked.topics} == {
         t: (run.log.count(t), run.log.span(t)) for t in run.topics
     }

@@ -158,7 +158,7 @@ def test_signals_go_out_as_a_table(platoon, log, tmp_path, kind):
     options = [word for pattern in asked for word in ("--signal", pattern)]
     out = platoon("log", "export", log.name, "--format", kind, *options, "--from", 0.1, "--every", 0.005, "--labels")
     assert (out.returncode, out.stderr) == (0, "")
-    wanted = Run(log).frame(asked, start_s=0.1, every_s=0.005, labels=True).cast({pl.Enum: pl.String})
+    wanted = Run(log).table(asked, start_s=0.1, every_s=0.005, labels=True).cast({pl.Enum: pl.String})
     assert out.stdout == f"run.{kind}: {len(wanted)} rows of 4 signals\n"
     if kind is TableFormat.CSV:
         found = pl.read_csv(tmp_path / "run.csv", schema_overrides={"veh1.TrackerStatus.GainSource": pl.String})
@@ -176,11 +176,11 @@ def test_a_long_log_goes_out_in_slices_that_join(platoon, make_log, tmp_path, mo
     monkeypatch.setattr("bench.record.exchange.tables.SLICE_NS", 70_000_000)
     make_log("run.mcap")
     assert platoon("log", "export", "run.mcap", "-o", "all.parquet").returncode == 0
-    assert pl.read_parquet(tmp_path / "all.parquet").equals(Run(tmp_path / "run.mcap").frame("*"))
+    assert pl.read_parquet(tmp_path / "all.parquet").equals(Run(tmp_path / "run.mcap").table("*"))
     done = platoon("log", "export", "run.mcap", "-o", "every.parquet", "--every", 0.003, "--to", 0.2)
     assert done.returncode == 0
     assert pl.read_parquet(tmp_path / "every.parquet").equals(
-        Run(tmp_path / "run.mcap").frame("*", every_s=0.003, end_s=0.2)
+        Run(tmp_path / "run.mcap").table("*", every_s=0.003, end_s=0.2)
     )
 
 

@@ -23,7 +23,7 @@ def test_every_cell_runs(real_log, tmp_path, monkeypatch):
             exec("".join(cell["source"]), names)
     assert len(plt.get_fignums()) == 2
     plt.close("all")
-    assert isinstance(names["frame"], pl.DataFrame)
+    assert isinstance(names["table"], pl.DataFrame)
     assert names["errors"].height == 99
     assert names["errors"].select(pl.all().is_null().any()).row(0) == (False,) * 4
 

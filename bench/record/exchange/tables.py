@@ -60,7 +60,7 @@ def export_table(
     every_s: float | None = None,
     labels: bool = False,
 ) -> ExportedTable:
-    """Write signals, joined on one time base as by `Run.frame`, to the new file `target`, in bounded memory.
+    """Write signals, joined on one time base as by `Run.table`, to the new file `target`, in bounded memory.
 
     The first column is the time `t` in s. In CSV the units stand behind the names; in Parquet they are the metadata
     `units`, JSON of name -> unit.
