@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -130,6 +130,11 @@ def _array(kind: str, name: str, values: Iterable[float]) -> str:
     return f"static const {kind} {name}[] = {{\n{numbers}\n}};\n"
 
 
+def _struct(numbers: Mapping[str, float | None]) -> str:
+    """The initialiser of a struct of doubles."""
+    return "{" + ", ".join(f".{name} = {float(number or 0.0)!r}" for name, number in numbers.items()) + "}"
+
+
 def _pattern(name: str, jacobian: Any) -> list[str]:
     """A Jacobian's sparsity, column by column, as CasADi orders the nonzeros."""
     sparsity = jacobian.sparsity()
@@ -198,9 +203,9 @@ const Model platoon_model = {{
     .parameters_start = parameters_start,
     .parameters_minimum = parameters_minimum,
     .parameters_maximum = parameters_maximum,
-    .settings_start = settings_start,
-    .settings_minimum = settings_minimum,
-    .settings_maximum = settings_maximum,
+    .settings_start = {settings_start},
+    .settings_minimum = {settings_minimum},
+    .settings_maximum = {settings_maximum},
     .initial = initial,
     .derivatives = derivatives,
     .outputs = outputs,
@@ -226,9 +231,6 @@ def table_c(model: SymbolicModel, token: str) -> str:
         _array("double", "parameters_start", (v.start or 0.0 for v in parameters)),
         _array("double", "parameters_minimum", (-_LARGEST if v.minimum is None else v.minimum for v in parameters)),
         _array("double", "parameters_maximum", (_LARGEST if v.maximum is None else v.maximum for v in parameters)),
-        _array("double", "settings_start", (v.start or 0.0 for v in settings)),
-        _array("double", "settings_minimum", (v.minimum or 0.0 for v in settings)),
-        _array("double", "settings_maximum", (v.maximum or 0.0 for v in settings)),
         *_pattern("running", model.running),
         *_pattern("beginning", model.beginning),
     ]
@@ -241,4 +243,7 @@ def table_c(model: SymbolicModel, token: str) -> str:
         n_parameters=len(parameters),
         n_tunable=len(interface.PARAMETERS),
         most_nonzeros=max(model.running.nnz(), model.beginning.nnz()),
+        settings_start=_struct({v.name: v.start for v in settings}),
+        settings_minimum=_struct({v.name: v.minimum for v in settings}),
+        settings_maximum=_struct({v.name: v.maximum for v in settings}),
     )

@@ -44,6 +44,9 @@ typedef enum { LOG_ERRORS = 1 << 0, LOG_EVENTS = 1 << 1 } LogCategory;
 
 typedef struct Instance Instance;
 
+/* Longest text that is logged, with its end; what is longer is cut off. */
+#define LONGEST_MESSAGE 400
+
 /* Hands a message to the importer. */
 typedef void (*LogSink)(const Instance *instance, LogCategory category, const char *text);
 

@@ -59,7 +59,7 @@ static fmi2Status status_of(bool done) { return done ? fmi2OK : fmi2Error; }
 
 static void to_importer(const Instance *instance, LogCategory category, const char *text) {
     const fmi2CallbackFunctions *callbacks = instance->host;
-    char plain[400], *percent;
+    char plain[LONGEST_MESSAGE], *percent;
 
     if (!callbacks->logger) return;
     strncpy(plain, text, sizeof plain - 1);

@@ -17,6 +17,13 @@ typedef struct {
     void (*evaluate)(const double *x, const double *u, const double *p, double *nonzeros);
 } Jacobian;
 
+/* A figure for each setting of the core's solvers, by the name of its variable. */
+typedef struct {
+    double solver_step; /* [s] */
+    double solver_tolerance;
+    double solver; /* the item of the enumeration */
+} Settings;
+
 typedef struct {
     const char *token; /* the modelDescription's guid (FMI 2) or instantiationToken (FMI 3) */
     size_t n_states, n_outputs, n_inputs, n_parameters, n_tunable;
@@ -25,8 +32,7 @@ typedef struct {
     const double *inputs_start;     /* start values of u */
     const double *parameters_start; /* start values of p */
     const double *parameters_minimum, *parameters_maximum;
-    /* Of solver_step [s], solver_tolerance and solver, in this order. */
-    const double *settings_start, *settings_minimum, *settings_maximum;
+    Settings settings_start, settings_minimum, settings_maximum;
     void (*initial)(const double *p, double *x);
     void (*derivatives)(const double *x, const double *u, const double *p, double *dx);
     void (*outputs)(const double *x, const double *u, const double *p, double *y);

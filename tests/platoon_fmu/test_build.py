@@ -27,6 +27,7 @@ from platoon_fmu.versions import FMI2, FMI3, Version
 
 SCHEMAS = Path(fmpy.__file__).parent / "schema" / "fmi3"
 VERSIONS = [pytest.param(version, id=f"fmi{version.name}") for version in (FMI2, FMI3)]
+CORE = ("checks.c", "derivatives.c", "exchange.c", "instance.c", "solver.c", "states.c", "steps.c", "values.c")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror")
 
 
@@ -122,7 +123,7 @@ def test_a_changed_source_is_a_reason_to_build(tmp_path):
 
     builder.build(tmp_path / "out")
     assert not builds()
-    for touched in ("vehicle.py", "documentation.html", "icon.png", "fmi/core.c", "fmi/fmi2.c"):
+    for touched in ("vehicle.py", "documentation.html", "icon.png", "fmi/values.c", "fmi/core.h", "fmi/fmi2.c"):
         content = (package / touched).read_bytes()
         (package / touched).write_bytes(content + b"\n")
         assert builds(), touched
@@ -199,7 +200,7 @@ def test_other_sources_have_another_place_in_the_cache(tmp_path, monkeypatch):
     shutil.copytree(builder._PACKAGE, package)
     monkeypatch.setattr(builder, "_PACKAGE", package)
     before = builder.default_directory()
-    with (package / "fmi" / "core.c").open("a") as source:
+    with (package / "fmi" / "values.c").open("a") as source:
         source.write("/* changed */")
     assert builder.default_directory() != before
 
@@ -231,7 +232,7 @@ def test_the_fmu_holds_the_sources_it_names(built):
     (configuration,) = description.buildConfigurations
     (sources,) = configuration.sourceFileSets
     assert configuration.modelIdentifier == "Vehicle"
-    assert set(sources.sourceFiles) == {"core.c", "equations.c", "solver.c", "vehicle.c", version.face}
+    assert set(sources.sourceFiles) == {*CORE, "equations.c", "vehicle.c", version.face}
     assert {f"sources/{name}" for name in sources.sourceFiles} <= set(names)
     assert {f"sources/{name}" for name in version.headers} <= set(names)
     build_description = ET.fromstring(names["sources/buildDescription.xml"])
@@ -299,7 +300,7 @@ def test_the_hand_written_code_compiles_without_warnings(built, tmp_path):
     for name, content in members(fmu).items():
         if name.startswith("sources/"):
             (tmp_path / Path(name).name).write_bytes(content)
-    for name in ("core.c", "solver.c", "vehicle.c", version.face):
+    for name in (*CORE, "vehicle.c", version.face):
         command = ["cc", "-std=c99", *WARNINGS, "-fsyntax-only", name]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (done.returncode, done.stderr) == (0, "")
