@@ -1,4 +1,4 @@
-"""A tracker of one's own: platoon run --ecu tracker=bench/examples/single_track.py:SingleTrack."""
+"""A custom tracker: platoon run --ecu tracker=bench/examples/single_track.py:SingleTrack."""
 
 from bench.ecu import Command, Motion, Reference, TrackerBase
 
