@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.analysis.boundary import margin
 from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.control.outcome import GainSource, SolverStatus
 from bench.cycle import CYCLE_S
 from bench.record import Run
 
@@ -18,9 +19,6 @@ LATERAL_BAND_M = 0.2
 YAW_BAND_RAD = 0.01
 
 _MICROSECONDS_PER_MS = 1000.0
-# Values of the DBC's tables for TrackerStatus: GainSource and SolverStatus.
-_GAIN_FROM_SDP = 0
-_NOT_RUN = 6
 
 
 @dataclass(frozen=True)
@@ -142,8 +140,8 @@ def fallback_steps(run: Run) -> int:
         bus = f"veh{vehicle}"
         if run.has(bus, "TrackerStatus"):
             status = run.message(bus, "TrackerStatus")
-            ran = status["SolverStatus"] != _NOT_RUN
-            total += int((ran & (status["GainSource"] != _GAIN_FROM_SDP)).sum())
+            ran = status["SolverStatus"] != SolverStatus.NOT_RUN
+            total += int((ran & (status["GainSource"] != GainSource.SDP)).sum())
     return total
 
 

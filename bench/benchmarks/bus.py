@@ -20,12 +20,13 @@ from rich.table import Table
 
 from bench.benchmarks.figures import Figure, in_turns, ratio_figure, table_of, time_figure
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.inbox import BENCH_SYNC, RUN, STOP
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address, settle
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.link.udp import GROUP
 from bench.bus.node import serve
+from bench.bus.states import BenchCommand
 from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_MS, CYCLE_S
 from bench.ecu.base import Health, Outgoing, Signals, Topic
@@ -192,7 +193,7 @@ def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
 
         def trip() -> float:
             nonlocal cycle
-            link.send(*codec.encode(BENCH_SYNC, {"Command": RUN, "Cycle": cycle, "Time": 0.0}, cycle))
+            link.send(*codec.encode(BENCH_SYNC, {"Command": BenchCommand.RUN, "Cycle": cycle, "Time": 0.0}, cycle))
             time.sleep(SETTLE_S)
             link.receive()
             started = time.perf_counter()
@@ -207,7 +208,7 @@ def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
                         return time.perf_counter() - started
 
         yield trip
-        link.send(*codec.encode(BENCH_SYNC, {"Command": STOP, "Cycle": cycle, "Time": 0.0}, cycle))
+        link.send(*codec.encode(BENCH_SYNC, {"Command": BenchCommand.STOP, "Cycle": cycle, "Time": 0.0}, cycle))
 
 
 def _serve_ecu(address: Address, ready: socket.socket) -> None:

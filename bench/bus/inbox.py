@@ -18,15 +18,13 @@ from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
 from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT, is_off
 from bench.bus.reception import Health, Reception, ReceptionState
+from bench.bus.states import BenchCommand
 from bench.bus.topic import Signals, Topic
 from bench.cycle import time_of
 from bench.errors import BadInput
 from bench.faults.plan import FaultPlan
 
 BENCH_SYNC = "BenchSync"
-STOP = 0
-RUN = 1
-RUN_REALTIME = 2
 
 _REFUSED = {
     Status.REPEATED: ReceptionState.REPEATED,
@@ -273,11 +271,11 @@ class Inbox:
             bus.errors += 1
             slot.refused = ReceptionState.ERROR
         if slot.topic.message == BENCH_SYNC:
-            if values["Command"] == STOP:
+            if values["Command"] == BenchCommand.STOP:
                 self.stopped = True
                 return
             bus.errors_before = bus.errors
-            self.realtime = values["Command"] == RUN_REALTIME
+            self.realtime = values["Command"] == BenchCommand.RUN_REALTIME
             bus.opened = max(bus.opened, int(values["Cycle"]))
             self._open(int(values["Cycle"]))
             self._put(slot, int(values["Cycle"]), values)

@@ -3,6 +3,14 @@
 import enum
 
 
+class BenchCommand(enum.IntEnum):
+    """What the conductor tells all participants; the values are those of the signal `Command` of `BenchSync`."""
+
+    STOP = 0
+    RUN = 1
+    RUN_REALTIME = 2
+
+
 class EcuState(enum.IntEnum):
     """An ECU's state; the values are those of the bus signal `State`."""
 

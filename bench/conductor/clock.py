@@ -10,10 +10,11 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
+from bench.bus.states import BenchCommand
 from bench.bus.ties import Ties
 from bench.bus.topic import V2V
 from bench.conductor.linux import set_real_time, wait_until
@@ -60,7 +61,7 @@ def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> Non
 
 def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, tuple[int, bytes]]:
     """BenchSync of a cycle on every bus."""
-    values = {"Command": RUN_REALTIME, "Cycle": cycle, "Time": time_of(cycle)}
+    values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": cycle, "Time": time_of(cycle)}
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
 
 

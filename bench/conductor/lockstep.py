@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from bench.bus.codec import Codec
-from bench.bus.inbox import BENCH_SYNC, RUN, STOP
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT
 from bench.conductor.crew import Crew, Ended
@@ -116,7 +117,7 @@ class Lockstep:
             done, self.cycle = self.cycle, self.cycle + 1
             # First of all, so that the nodes have work while this cycle is recorded.
             if last:
-                self._sent = self._sync(STOP, self.cycle)
+                self._sent = self._sync(BenchCommand.STOP, self.cycle)
             else:
                 self._open(crew, recorder)
             recorder.cycle(done, frames, truth, strays, words)
@@ -130,7 +131,7 @@ class Lockstep:
 
     def stop(self) -> None:
         """Tell the nodes to stop, before the end of the run."""
-        self._sync(STOP, self.cycle)
+        self._sync(BenchCommand.STOP, self.cycle)
 
     def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
         """See `Listener`."""
@@ -157,11 +158,11 @@ class Lockstep:
         self._desk.open(self.cycle, recorder)
         self._outages.apply(self.cycle, crew)
         self._frames.begin(self.cycle)
-        self._sent = self._sync(RUN, self.cycle)
+        self._sent = self._sync(BenchCommand.RUN, self.cycle)
         for name in self._outages.absent:
             self._announce_absent([name])
 
-    def _sync(self, command: int, cycle: int) -> Sent:
+    def _sync(self, command: BenchCommand, cycle: int) -> Sent:
         """Send BenchSync on all buses; return the frames, for the log."""
         values = {"Command": command, "Cycle": cycle, "Time": time_of(cycle)}
         return [self._send(bus, BENCH_SYNC, values) for bus in self._links]

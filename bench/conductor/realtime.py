@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
-from bench.bus.inbox import BENCH_SYNC, STOP
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
+from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
 from bench.bus.topic import PLANT, V2V
 from bench.conductor.clock import CLOCK, PRIORITY
@@ -213,7 +214,7 @@ class Realtime:
         """Send the BenchSync that ends the run on all buses; return the frames, for the log."""
         sent = []
         number = self.cycle + 1
-        values = {"Command": STOP, "Cycle": number, "Time": time_of(number)}
+        values = {"Command": BenchCommand.STOP, "Cycle": number, "Time": time_of(number)}
         for bus, link in self._links.items():
             can_id, data = self._codecs[bus].encode(BENCH_SYNC, values, number)
             link.send(can_id, data)

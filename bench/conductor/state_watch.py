@@ -4,12 +4,17 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from bench.bus.codec import Codec
+from bench.bus.states import ActuatorState, EcuState
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages that show a state, and the signal that does."""
 
 _CAUSE = "Cause"
-_NORMAL = ("Init", "Run", "Active")
+_NORMAL: Mapping[str, tuple[int, ...]] = {
+    "State": (EcuState.INIT, EcuState.RUN),
+    "ActuatorState": (ActuatorState.INIT, ActuatorState.ACTIVE),
+}
+"""The values of each of these signals that are no reason to worry; it begins with the first of them."""
 
 
 class Change(NamedTuple):
@@ -55,14 +60,14 @@ class StateWatch:
         if len(data) <= place.byte:
             return None
         state = data[place.byte] >> place.shift & place.mask
-        before = self._last.get((bus, can_id), 0)
+        before = self._last.get((bus, can_id), _NORMAL[place.signal][0])
         if state == before:
             return None
         self._last[bus, can_id] = state
         names = [place.names.get(value, str(value)).lower() for value in (before, state)]
         cause = self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0)
         why = f" ({place.causes[int(cause)]})" if cause and int(cause) in place.causes else ""
-        level = "info" if place.names.get(state) in _NORMAL else "warning"
+        level = "info" if state in _NORMAL[place.signal] else "warning"
         return Change(level, place.source, f"{names[0]} -> {names[1]}{why}")
 
 

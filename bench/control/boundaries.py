@@ -5,7 +5,6 @@ the friction circle `a_x^2 + a_y^2 <= (mu g)^2` with `a_y = gamma v_x` hold as w
 acceleration is limited by l_r and braking by l_f.
 """
 
-import enum
 import math
 from dataclasses import dataclass
 
@@ -13,22 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]
 
 YAW_SHARE = 0.85
 """Share of the adhesion that lateral acceleration may use, (29)."""
-
-
-class Limit(enum.IntEnum):
-    """Which boundary a reference was brought back to; the values are those of the bus signal `Limit`."""
-
-    NONE = 0
-    YAW_RATE = 1
-    ACCELERATION = 2
-    FRICTION_CIRCLE = 3
-    SPEED = 4
 
 
 @dataclass(frozen=True)
@@ -116,7 +106,7 @@ def speed_reach(v: float, accelerating: bool, step_s: float, limits: Vector) -> 
 @njit(cache=True)
 def admissible(
     v: float, gamma: float, v_rate: float, gamma_rate: float, step_s: float, limits: Vector
-) -> tuple[float, float, int]:
+) -> tuple[float, float, Limit]:
     """The next reference (m/s, rad/s), brought inside the boundaries, and the `Limit` that bound most.
 
     Args:
@@ -127,15 +117,15 @@ def admissible(
         step_s: T, s.
         limits: (8,) `Boundaries.as_vector()`.
     """
-    bound = 0
+    bound = Limit.NONE
     a_max = limits[4]
     if abs(v_rate) > a_max:
         v_rate = a_max if v_rate > 0.0 else -a_max
-        bound = 2
+        bound = Limit.ACCELERATION
     lowest, highest = -min(limits[2], limits[0]) * limits[3], min(limits[1], limits[0]) * limits[3]
     if v_rate < lowest or v_rate > highest:
         v_rate = min(max(v_rate, lowest), highest)
-        bound = 2
+        bound = Limit.ACCELERATION
 
     swing = limits[5]
     gamma_next = gamma + step_s * min(max(gamma_rate, -swing), swing)
@@ -144,14 +134,15 @@ def admissible(
     gamma_max = limits[3] * yaw_rate_max(v_fast, limits[0])
     if abs(gamma_next) > gamma_max:
         gamma_next = gamma_max if gamma_next > 0.0 else -gamma_max
-        bound = 1
+        bound = Limit.YAW_RATE
 
     circle = largest_acceleration(gamma_next, v_fast, limits)
     if abs(v_rate) > circle:
         v_rate = circle if v_rate > 0.0 else -circle
-        bound = 3 if bound != 1 else bound
+        if bound != Limit.YAW_RATE:
+            bound = Limit.FRICTION_CIRCLE
     v_next = v + step_s * v_rate
     if v_next < limits[6] or v_next > limits[7]:
         v_next = min(max(v_next, limits[6]), limits[7])
-        bound = 4
+        bound = Limit.SPEED
     return v_next, gamma_next, bound

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.observer import augmented
-from bench.control.semidefinite import Entry, SemidefiniteProgram, SolverStatus
+from bench.control.outcome import SolverStatus
+from bench.control.semidefinite import Entry, SemidefiniteProgram
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

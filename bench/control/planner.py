@@ -13,10 +13,11 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.control.boundaries import Limit, admissible, boundaries, yaw_rate_max
+from bench.control.boundaries import admissible, boundaries, yaw_rate_max
 from bench.control.flocking import acceleration
 from bench.control.genetic import search
 from bench.control.near_identity import input_rates, point, velocity
+from bench.control.outcome import Limit
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
 from bench.control.slow_down import slow_down
 from platoon_fmu.parameters import VehicleParameters
@@ -271,7 +272,7 @@ class Planner:
         v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
         self._reference = (v, gamma)
         near = int((np.hypot(*(peers_q - q).T) < self._field[2]).sum())
-        return self._output(v, gamma, Limit(bound), target, near, leader_x, optimise_s)
+        return self._output(v, gamma, bound, target, near, leader_x, optimise_s)
 
     def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
         """The reference to go on from: the last one, where the vehicle has followed it; else the own motion."""

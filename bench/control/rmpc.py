@@ -15,8 +15,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.certificate import proven_cost
+from bench.control.outcome import SolverStatus
 from bench.control.robust_program import Answer, RobustProgram
-from bench.control.semidefinite import SolverStatus
 from bench.control.vehicle_model import LinearModel
 
 Vector = NDArray[np.float64]

@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bench.control.semidefinite import Entry, SemidefiniteProgram, SolverStatus
+from bench.control.outcome import SolverStatus
+from bench.control.semidefinite import Entry, SemidefiniteProgram
 from bench.control.vehicle_model import LinearModel
 
 Vector = NDArray[np.float64]

@@ -5,7 +5,6 @@ Clarabel is called directly: the structure is analysed once and each solve rewri
 building the problem through a modelling layer costs more than solving it.
 """
 
-import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,20 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from bench.control.outcome import SolverStatus
+
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
-
-
-class SolverStatus(enum.IntEnum):
-    """How a solve ended; the values are those of the bus signal `SolverStatus`."""
-
-    SOLVED = 0
-    ALMOST_SOLVED = 1
-    MAX_ITERATIONS = 2
-    INFEASIBLE = 3
-    NUMERICAL_ERROR = 4
-    CHECK_FAILED = 5
-    NOT_RUN = 6
 
 
 _STATUS = {

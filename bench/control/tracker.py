@@ -1,6 +1,5 @@
 """The tracking level: reference input, observer, target and robust MPC in one step, (21)-(23) and (37)-(62)."""
 
-import enum
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -11,9 +10,9 @@ from bench.control.allocation import allocate
 from bench.control.lqr import lqr_gain
 from bench.control.observer import DisturbanceObserver
 from bench.control.observer_gain import design_gain
+from bench.control.outcome import GainSource, SolverStatus
 from bench.control.reference import reference_input
 from bench.control.rmpc import Gain, RobustController
-from bench.control.semidefinite import SolverStatus
 from bench.control.settings import TrackerSettings
 from bench.control.target import Target, steady_state_target
 from bench.control.vehicle_model import LinearModel, VehicleModel
@@ -24,15 +23,6 @@ Matrix = NDArray[np.float64]
 
 SLOWEST_MPS = 3.0
 """The control model divides by v_x: below this speed (m/s) it is evaluated at this speed."""
-
-
-class GainSource(enum.IntEnum):
-    """Where the feedback of a step came from; the values are those of the bus signal `GainSource`."""
-
-    SDP = 0
-    PREVIOUS_GAIN = 1
-    LQR = 2
-    NONE = 3
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from time import perf_counter
 
-from bench.bus.reception import Health
+from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
@@ -278,7 +278,7 @@ class PlannerEcu:
         values: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
         values |= {signal: health.of(self._own_topics[message]).state for signal, message in _OWN}
         states = [health.of(topic).state for peer in self._peers.values() for topic in peer.topics]
-        values["PeerReception"] = max(states, default=0)
+        values["PeerReception"] = max(states, default=ReceptionState.INIT)
         values["PeersLost"] = sum(peer.cause is Cause.PEER_LOST for peer in self._peers.values())
         return Outgoing(self._bus, "PlannerBusHealth", values)
 

@@ -11,10 +11,10 @@ from bench.bus.reception import Health
 from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
 from bench.control.brake_steering import BrakeSteering
-from bench.control.semidefinite import SolverStatus
+from bench.control.outcome import GainSource, SolverStatus
 from bench.control.settings import TrackerSettings
 from bench.control.slow_down import slow_down
-from bench.control.tracker import GainSource, Tracker, TrackerOutput
+from bench.control.tracker import Tracker, TrackerOutput
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
 from bench.ecu.plausibility import OwnMotion, OwnState

@@ -10,8 +10,9 @@ import numpy.typing as npt
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import check
-from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME, STOP
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.states import BenchCommand
 from bench.bus.topic import Topic
 from bench.conductor.seats import Seat
 from bench.cycle import CYCLE_NS
@@ -72,9 +73,9 @@ def _bus_log(run: Run, bus: str, codec: Codec, limit: int) -> BusLog:
             continue
         values = codec.decode(int(row["can_id"]), data)[1]
         cycle = int(values["Cycle"])
-        if values["Command"] != STOP and cycle < len(synced):
+        if values["Command"] != BenchCommand.STOP and cycle < len(synced):
             synced[cycle], begun[cycle] = True, int(row["receive"])
-            realtime = values["Command"] == RUN_REALTIME
+            realtime = values["Command"] == BenchCommand.RUN_REALTIME
     return BusLog(table, cycles, synced, realtime, begun)
 
 

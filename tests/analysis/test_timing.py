@@ -6,7 +6,8 @@ import pytest
 
 from bench.analysis.timing import LONGEST_MS, histograms, timing
 from bench.bus.codec import DBC_DIR, load_codecs
-from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME, STOP
+from bench.bus.inbox import BENCH_SYNC
+from bench.bus.states import BenchCommand
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 from bench.record import Run, RunWriter
@@ -42,7 +43,7 @@ def write(path: Path, clock: str, stop_cycle: int = CYCLES) -> Run:
         writer.frame("veh1", cycle * CYCLE_NS, can_id, data, START_NS + cycle * CYCLE_NS + at_ns)
 
     for cycle in range(CYCLES):
-        frame(BENCH_SYNC, cycle, CLOCK_LATE_NS.get(cycle, 0), Command=RUN_REALTIME, Cycle=cycle)
+        frame(BENCH_SYNC, cycle, CLOCK_LATE_NS.get(cycle, 0), Command=BenchCommand.RUN_REALTIME, Cycle=cycle)
         at_ms = COMMANDS_MS[cycle]
         if at_ms is not None:
             frame("SteeringCommand", cycle, round((at_ms - 0.5) * 1e6))
@@ -50,7 +51,7 @@ def write(path: Path, clock: str, stop_cycle: int = CYCLES) -> Run:
             frame("TorqueCommandRear", cycle, round(at_ms * 1e6))
             # What has no alive counter drives nothing, so it has no deadline.
             frame("TrackerTiming", cycle, round((at_ms + 3.0) * 1e6))
-    frame(BENCH_SYNC, stop_cycle, 20_000_000, Command=STOP, Cycle=CYCLES)
+    frame(BENCH_SYNC, stop_cycle, 20_000_000, Command=BenchCommand.STOP, Cycle=CYCLES)
     writer.close({"status": "completed"})
     return Run(path)
 

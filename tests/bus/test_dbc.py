@@ -1,16 +1,28 @@
 """The DBC files themselves: complete, consistent, fine enough, and in the order of a cycle."""
 
 import logging
+import re
 import warnings
 from collections import Counter
+from pathlib import Path
 
 import cantools
 import pytest
 
+import bench
 from bench.bus import e2e
 from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
 from bench.bus.reception import ReceptionState
-from bench.bus.states import Cause, EcuState, Manoeuvre
+from bench.bus.states import (
+    ActuatorState,
+    BenchCommand,
+    Cause,
+    CommandState,
+    EcuState,
+    Manoeuvre,
+    ReferenceState,
+)
+from bench.control.outcome import GainSource, Limit, SolverStatus
 
 FILES = ("vehicle.dbc", "v2v.dbc")
 CODECS = {file: Codec(DBC_DIR / file) for file in FILES}
@@ -20,18 +32,22 @@ SIGNALS = [(file, message, signal) for file, message in MESSAGES for signal in m
 FINEST_NEEDED = {"m": 1e-3, "m/s": 1e-3, "rad": 1e-5, "rad/s": 1e-4, "Nm": 1.0}
 """Quantisation must be below this for everything that drives something."""
 
-STATES = {
-    "Command",
-    "ActuatorState",
-    "ReferenceState",
-    "CommandState",
-    "State",
-    "Limit",
-    "SolverStatus",
-    "GainSource",
-    "Cause",
-    "Manoeuvre",
+ENUMERATIONS = {
+    "Command": BenchCommand,
+    "ActuatorState": ActuatorState,
+    "ReferenceState": ReferenceState,
+    "CommandState": CommandState,
+    "State": EcuState,
+    "Limit": Limit,
+    "SolverStatus": SolverStatus,
+    "GainSource": GainSource,
+    "Cause": Cause,
+    "Manoeuvre": Manoeuvre,
 }
+"""The enumeration of every signal with a value table; those that show a reception have `ReceptionState`."""
+
+NOT_ON_A_BUS = {"bench.bus.ties.Kind", "bench.vcan.wire.Kind"}
+"""Enumerations of other formats than CAN."""
 
 SLOWER = {"PlantBusHealth", "PlannerPotential", "PlannerGains", "PlannerBusHealth", "TrackerBusHealth"}
 """Diagnostics that change slowly or are only counts: every 100 ms."""
@@ -45,6 +61,18 @@ BIT_RATES = {"vehicle.dbc": 500_000, "v2v.dbc": 1_000_000}
 
 def name_of(value):
     return getattr(value, "name", value)
+
+
+def enumeration_of(signal):
+    return ReceptionState if signal.name.endswith("Reception") else ENUMERATIONS.get(signal.name)
+
+
+def enumerations_in(package):
+    """The full name of every class in a package that is an IntEnum, also of what no test imports."""
+    for path in sorted(package.rglob("*.py")):
+        module = ".".join(path.relative_to(package.parent).with_suffix("").parts)
+        for name in re.findall(r"^class (\w+)\((?:enum\.)?IntEnum\)", path.read_text(), re.MULTILINE):
+            yield f"{module}.{name}"
 
 
 def attribute(described, name):
@@ -98,9 +126,7 @@ def test_signal_is_complete(file, message, signal):  # noqa: ARG001
     assert signal.minimum <= signal.raw_initial * signal.scale <= signal.maximum
     if signal.scale != 1 and signal.name != "BoundaryMargin":
         assert signal.unit
-    assert bool(signal.choices) == (signal.name in STATES or signal.name.endswith("Reception"))
-    if signal.choices:
-        assert sorted(signal.choices) == list(range(int(signal.maximum) + 1))
+    assert bool(signal.choices) == (enumeration_of(signal) is not None)
 
 
 @pytest.mark.parametrize(("file", "message", "signal"), SIGNALS, ids=name_of)
@@ -148,20 +174,21 @@ def test_what_has_inertia_has_a_greatest_rate(file, message, signal):  # noqa: A
     assert (rate > 0) == (moving and signal.name != "Course")
 
 
-def test_reception_states_are_those_of_the_receivers():
-    names = {state.value: state.name.replace("_", "").lower() for state in ReceptionState}
-    for _, message, signal in SIGNALS:
-        if signal.name.endswith("Reception"):
-            assert {int(value): str(text).lower() for value, text in signal.choices.items()} == names, message.name
+@pytest.mark.parametrize(
+    ("file", "message", "signal"), [each for each in SIGNALS if each[2].choices or enumeration_of(each[2])], ids=name_of
+)
+def test_value_table_has_the_names_and_values_of_its_enumeration(file, message, signal):  # noqa: ARG001
+    names = {member.value: member.name.replace("_", "").lower() for member in enumeration_of(signal)}
+    assert {int(value): str(text).lower() for value, text in signal.choices.items()} == names
+    assert (signal.minimum, signal.maximum) == (min(names), max(names))
 
 
-@pytest.mark.parametrize(("signal", "enumeration"), [("Cause", Cause), ("Manoeuvre", Manoeuvre), ("State", EcuState)])
-def test_value_tables_are_those_of_the_enumerations(signal, enumeration):
-    names = {member.value: member.name.replace("_", "").lower() for member in enumeration}
-    tables = [each.choices for _, _, each in SIGNALS if each.name == signal]
-    assert len(tables) > MAX_VEHICLES
-    for table in tables:
-        assert {int(value): str(text).lower() for value, text in table.items()} == names
+def test_every_enumeration_of_numbers_in_the_code_is_a_value_table():
+    tabled = {enumeration_of(signal) for _, _, signal in SIGNALS if signal.choices}
+    names = {f"{each.__module__}.{each.__name__}" for each in tabled}
+    assert tabled == {*ENUMERATIONS.values(), ReceptionState}
+    assert {signal.name for _, _, signal in SIGNALS} >= ENUMERATIONS.keys()
+    assert set(enumerations_in(Path(bench.__file__).parent)) == names | NOT_ON_A_BUS
 
 
 def test_data_ids_are_unique_and_no_crc_takes_one_for_another():

@@ -12,11 +12,12 @@ import pytest
 
 from bench.analysis.timing import NodeTiming, Timing, timing
 from bench.bus.codec import DBC_DIR, load_codecs
-from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
+from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.cycle import frames_due
@@ -54,7 +55,7 @@ SIMPLE = {"planner": f"{SIMPLE_FILE}:CruisePlanner", "tracker": f"{SIMPLE_FILE}:
 def sync(cycle: int, at_ns: int | None = None) -> list[Frame]:
     """BenchSync of a cycle on both buses."""
     at_ns = START_NS + cycle * CYCLE_NS if at_ns is None else at_ns
-    values = {"Command": RUN_REALTIME, "Cycle": cycle, "Time": cycle / 100}
+    values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": cycle, "Time": cycle / 100}
     return [(bus, at_ns, *CODECS[bus].encode(BENCH_SYNC, values, cycle)) for bus in BUSES]
 
 
@@ -293,7 +294,7 @@ def test_where_nobody_is_late_the_frames_are_those_of_lockstep(tmp_path: Path, m
         stage = Stage(scenario, address, codecs, fmu, read_description(fmu), SIMPLE, (), FaultPlan(), board)
         crew = stage.crew(links, heard, stack.enter_context(Interrupts()), stack)
         for heard.cycle in range(scenario.cycles):
-            values = {"Command": RUN_REALTIME, "Cycle": heard.cycle, "Time": heard.cycle / 100}
+            values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": heard.cycle, "Time": heard.cycle / 100}
             for bus, link in links.items():
                 link.send(*codecs[bus].encode(BENCH_SYNC, values, heard.cycle))
             while crew.attend(0.0):

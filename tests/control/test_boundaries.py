@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from bench.control.boundaries import (
     Boundaries,
-    Limit,
     admissible,
     boundaries,
     largest_acceleration,
     speed_reach,
     yaw_rate_max,
 )
+from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
 
 T = 0.01

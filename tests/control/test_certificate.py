@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_lyapunov
 
 from bench.control.certificate import certified_cost
+from bench.control.outcome import SolverStatus
 from bench.control.rmpc import Gain
-from bench.control.semidefinite import SolverStatus
 from tests.control.operating_points import (
     ALLOCATION,
     INDEPENDENT,

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.control.boundaries import Limit
+from bench.control.outcome import Limit
 from bench.control.planner import (
     Motion,
     Planner,

@@ -6,9 +6,9 @@ import cvxpy
 import numpy as np
 import pytest
 
+from bench.control.outcome import SolverStatus
 from bench.control.rmpc import RobustController
 from bench.control.robust_program import RobustProgram
-from bench.control.semidefinite import SolverStatus
 from bench.control.vehicle_model import LinearModel
 from tests.control.operating_points import (
     ALLOCATION,

@@ -4,7 +4,8 @@ import cvxpy
 import numpy as np
 import pytest
 
-from bench.control.semidefinite import Entry, SemidefiniteProgram, SolverStatus
+from bench.control.outcome import SolverStatus
+from bench.control.semidefinite import Entry, SemidefiniteProgram
 
 ACCURACY = {"tolerance": 1e-9, "max_iterations": 100}
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from bench.control.allocation import allocate
-from bench.control.semidefinite import SolverStatus
+from bench.control.outcome import GainSource, SolverStatus
 from bench.control.settings import TrackerSettings
-from bench.control.tracker import GainSource, Tracker, TrackerOutput
+from bench.control.tracker import Tracker, TrackerOutput
 from bench.control.vehicle_model import VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 

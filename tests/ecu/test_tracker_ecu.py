@@ -7,7 +7,8 @@ import pytest
 
 from bench.bus.reception import Health
 from bench.bus.states import Cause, CommandState, EcuState, ReferenceState
-from bench.control.tracker import GainSource, Tracker
+from bench.control.outcome import GainSource
+from bench.control.tracker import Tracker
 from bench.ecu.tracker import TrackerEcu
 from bench.scenario import load
 from tests.ecu.drive import Drive

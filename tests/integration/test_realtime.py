@@ -9,9 +9,8 @@ from bench.analysis.figures import Figures
 from bench.analysis.timing import timing
 from bench.bus import codec
 from bench.bus.codec import DBC_DIR
-from bench.bus.inbox import RUN_REALTIME, STOP
 from bench.bus.link.address import Address
-from bench.bus.states import ActuatorState
+from bench.bus.states import ActuatorState, BenchCommand
 from bench.conductor.run import RunResult, run
 from bench.errors import BadInput
 from bench.record.reader import Run
@@ -40,7 +39,7 @@ def test_a_run_on_the_wall_clock_is_recorded_whole(tmp_path: Path) -> None:
     assert any(result.scheduling.startswith(event.text) for event in log.events)
     for bus in log.buses:
         sync = log.message(bus, "BenchSync")
-        assert sync["Command"].tolist() == [RUN_REALTIME] * 50 + [STOP]
+        assert sync["Command"].tolist() == [BenchCommand.RUN_REALTIME] * 50 + [BenchCommand.STOP]
         assert sync["Cycle"].tolist() == list(range(51))
         assert sync["t"] == pytest.approx(np.arange(51) / 100)
         # Sent by one process, one after the other: the kernel's times say so, however late the conductor read them.

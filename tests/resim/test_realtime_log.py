@@ -3,7 +3,8 @@
 import pytest
 
 from bench.bus.codec import load_codecs
-from bench.bus.inbox import BENCH_SYNC, RUN_REALTIME
+from bench.bus.inbox import BENCH_SYNC
+from bench.bus.states import BenchCommand
 from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS
 from bench.record.reader import Run
@@ -27,7 +28,7 @@ def received(frame, late_ns=0):
         codec = CODECS[frame.bus]
         values = codec.decode(can_id, frame.data)[1]
         if values["Command"] != ENDED_ID:
-            command = {**values, "Command": RUN_REALTIME}
+            command = {**values, "Command": BenchCommand.RUN_REALTIME}
             frame = frame._replace(data=codec.encode(BENCH_SYNC, command, frame.time_ns // CYCLE_NS)[1])
         into_cycle = 0
     elif frame.bus != "v2v" and can_id < REFERENCE_ID:

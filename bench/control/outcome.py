@@ -1,0 +1,37 @@
+"""How a step of the controllers ended, as the value tables of the diagnostic messages have it.
+
+By themselves, so that reading a log need not load the solvers.
+"""
+
+import enum
+
+
+class Limit(enum.IntEnum):
+    """Which boundary a reference was brought back to; the values are those of the bus signal `Limit`."""
+
+    NONE = 0
+    YAW_RATE = 1
+    ACCELERATION = 2
+    FRICTION_CIRCLE = 3
+    SPEED = 4
+
+
+class SolverStatus(enum.IntEnum):
+    """How a solve ended; the values are those of the bus signal `SolverStatus`."""
+
+    SOLVED = 0
+    ALMOST_SOLVED = 1
+    MAX_ITERATIONS = 2
+    INFEASIBLE = 3
+    NUMERICAL_ERROR = 4
+    CHECK_FAILED = 5
+    NOT_RUN = 6
+
+
+class GainSource(enum.IntEnum):
+    """Where the feedback of a step came from; the values are those of the bus signal `GainSource`."""
+
+    SDP = 0
+    PREVIOUS_GAIN = 1
+    LQR = 2
+    NONE = 3
