@@ -1,5 +1,6 @@
 # make run: all the set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
-# make lint, make dist, make bench, make references, make clean. PYTEST_ARGS goes to pytest: make test PYTEST_ARGS='-x -k outbox'.
+# make lint, make coverage, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS goes to pytest:
+# make test PYTEST_ARGS='-x -k outbox'.
 PYTHON      ?= python3
 SCENARIO    ?= formation
 ARGS        ?=
@@ -23,7 +24,7 @@ SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbo
 	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run check test coverage nightly lint dist bench references clean
+.PHONY: setup run check test coverage nightly lint docs dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -56,6 +57,17 @@ lint: $(LINTERS)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# A page for each module, with a search, all of it readable from the disk. Named one by one, as pdoc leaves out what a
+# package's __all__ does not name.
+docs: setup $(DEVELOP)
+	rm -rf build/docs
+	$(BIN)/pdoc --docformat google --no-show-source --footer-text "$$($(BIN)/platoon --version)" -o build/docs \
+		bench platoon_fmu $$(find bench platoon_fmu -name '[!_]*.py' -not -path 'bench/examples/tracker/*' | \
+		sort | sed 's/\.py$$//; s,/,.,g')
+	@! grep -rE '<(script|link|img)[^>]*(src|href)="?https?:' build/docs || { \
+		echo "make docs: these pages would load something" >&2; exit 1; }
+	@echo build/docs/index.html
 
 # The sdist, and the wheel made from it.
 dist: $(INSTALLED)
