@@ -1,5 +1,5 @@
-"""A run watched while it goes on: in a browser, and in Foxglove or Lichtblick.
+"""Watching a run while it is going on, in a browser and in Foxglove or Lichtblick.
 
-The server is a process of its own that reads the log as it is written. Bench and viewers share nothing but that file,
+The server is a separate process that reads the log while it is written. Bench and viewers share nothing but that file,
 so that no viewer can slow or stop a run.
 """

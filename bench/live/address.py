@@ -34,7 +34,7 @@ class LiveAddress:
         host = host.removeprefix("[").removesuffix("]")
         if not (colon and host and port.isascii() and port.isdecimal()) or int(port) > 65534:
             raise BadInput(
-                f"{text!r} is no address to listen on: want HOST:PORT with a port of 0 (any) to 65534, for example "
+                f"{text!r} is not an address to listen on: want HOST:PORT with a port of 0 (any) to 65534, for example "
                 f"{DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"
             )
         return cls(host, int(port))
@@ -52,10 +52,10 @@ class LiveAddress:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
 
     def is_own(self, authority: str) -> bool:
-        """Return whether `authority`, HOST or HOST:PORT, can be what a viewer calls this server by.
+        """Return whether `authority`, HOST or HOST:PORT, is a name by which a viewer may address this server.
 
-        A page of somebody else's can have its own name lead to this machine (DNS rebinding), and would then be let at
-        what is served here as if it were its own. It cannot do so with an address or with a name of this machine's.
+        A foreign web page can let its own name resolve to this machine (DNS rebinding) and would then have access to
+        what is served here. It cannot do so with an IP address or one of this machine's own names.
         """
         host = _host_of(authority)
         if host in {"localhost", self.host.lower(), socket.gethostname().lower()}:

@@ -1,4 +1,4 @@
-"""A log served for its own sake, without the run that writes it."""
+"""Serves a log without running a bench."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bench.live.server import LiveServer
 
 
 def serve_alone(log: Path, address: LiveAddress, say: Callable[[str], None]) -> None:
-    """Serve a log, whole or still being written, until SIGINT or SIGTERM comes; `say` is told where.
+    """Serve a log, whole or still being written, until SIGINT or SIGTERM; `say` gets the addresses.
 
     Raises:
         BadInput: the address cannot be listened on, or the log has nothing to show.

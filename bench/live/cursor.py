@@ -1,4 +1,4 @@
-"""How far somebody has been told of a log that is being written, and what comes next."""
+"""How far a log that is being written has been delivered, and what comes next."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import NamedTuple
 from bench.live.tail import Chunk, Tail
 
 BEHIND_NS = 500_000_000
-"""A group of channels that is further behind the others than this has come to its end."""
+"""A group of channels further behind the others than this has ended."""
 
 LAG_NS = 30_000_000
-"""Frames of a busy bus stand in the log up to some cycles after the truth of their time; what is told is older."""
+"""Frames of a busy bus may be logged some cycles after the truth of their time; only older data is delivered."""
 
 SPAN_NS = 2_000_000_000
-"""How much simulated time is told at once; a viewer that comes late is told of what there is piece by piece."""
+"""Simulated time delivered at once; a viewer that joins late gets the log piece by piece."""
 
 
 class Span(NamedTuple):
@@ -21,7 +21,7 @@ class Span(NamedTuple):
 
     Attributes:
         start_ns, end_ns: from the first, until before the second.
-        chunks: those that have something of it.
+        chunks: those that hold data of it.
     """
 
     start_ns: int
@@ -30,19 +30,19 @@ class Span(NamedTuple):
 
 
 class Cursor:
-    """A place in a log, which only goes forward.
+    """A position in a log that only moves forward.
 
     Attributes:
-        told_ns: everything before this time has been told.
+        told_ns: everything before this time has been delivered.
     """
 
     def __init__(self) -> None:
-        """Begin at the beginning."""
+        """Begin at the start of the log."""
         self.told_ns = 0
         self._first = 0
 
     def next(self, tail: Tail) -> Span | None:
-        """Return what is to be told next; None where there is nothing yet that is complete."""
+        """Return the span to deliver next; None if none is complete yet."""
         chunks = tail.chunks
         while self._first < len(chunks) and chunks[self._first].end_ns < self.told_ns:
             self._first += 1

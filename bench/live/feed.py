@@ -1,7 +1,7 @@
-"""What the viewers of the page are told: columns and events that grow, and in the end the whole data.
+"""The data sent to the page's viewers: growing columns and events, and finally the complete data.
 
-Nothing waits here for a viewer. Each viewer asks for what came after the place it has got to; one that reads slowly
-asks less often and is told more at once, one that does not read costs no more than the message it was sent last.
+Nothing waits here for a viewer. Each viewer asks for what follows its position; a slow one
+asks less often and gets more at once, and one that does not read costs no more than its last message.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ Pool = Mapping[str, Sequence[float | None]]
 
 @dataclass(frozen=True)
 class Place:
-    """How far a viewer has got.
+    """A viewer's position.
 
     Attributes:
-        rows: length of each column that it has been told.
-        events: number of events that it has been told.
-        status: the last status that it has been told.
-        ended: whether it has been told the end.
+        rows: length of each column that it has.
+        events: number of events that it has.
+        status: the last status that it has.
+        ended: whether it knows the end.
     """
 
     rows: Mapping[str, int] = field(default_factory=dict)
@@ -33,7 +33,7 @@ class Place:
 
 
 class Feed:
-    """All that has been told so far."""
+    """Everything sent so far."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -45,24 +45,24 @@ class Feed:
         self._last: tuple[Place, str, Place] | None = None
 
     def append(self, pool: Pool, events: Sequence[Sequence[Any]]) -> None:
-        """Tell values, of each column those that follow, and events: time in s, level, source, text."""
+        """Append values to the columns, and events: time in s, level, source, text."""
         for name, values in pool.items():
             self._columns.setdefault(name, []).extend(values)
         self._events += events
         self._tell()
 
     def say(self, status: str) -> None:
-        """Tell what is going on."""
+        """Set the status line."""
         self._status = status
         self._tell()
 
     def end(self, data: Mapping[str, Any]) -> None:
-        """Tell the whole data object of the run, which takes the place of all before."""
+        """Set the complete data of the run, which replaces everything before."""
         self._end = encoded({"replace": data})
         self._tell()
 
     async def after(self, place: Place) -> tuple[str, Place]:
-        """Wait until there is more than at `place`; return it as one JSON message, and where that leads."""
+        """Wait until there is more than at `place`; return it as one JSON message, and the new position."""
         while True:
             news, told = self._news, self._after(place)
             if told is not None:
@@ -78,7 +78,7 @@ class Feed:
             return None
         if self._end is not None:
             return self._end, Place(ended=True)
-        # Most viewers are at one place.
+        # Most viewers are at the same position.
         if self._last is not None and self._last[0] == place:
             return self._last[1:]
         rows = {name: len(values) for name, values in self._columns.items()}
@@ -100,5 +100,5 @@ class Feed:
 
 
 def encoded(message: Mapping[str, Any]) -> str:
-    """Return a message as JSON, as short as can be."""
+    """Return a message as compact JSON."""
     return json.dumps(message, separators=(",", ":"), allow_nan=False)

@@ -1,7 +1,7 @@
 """The log's messages on the Foxglove WebSocket protocol, with the log's own topics, schemas and times.
 
-Foxglove and Lichtblick connect to it ("Open connection", "Foxglove WebSocket"). The protocol and what becomes of a
-viewer that does not read are foxglove-sdk's: of more than `BACKLOG` messages that wait for a viewer the oldest go.
+Foxglove and Lichtblick connect to it ("Open connection", "Foxglove WebSocket"). foxglove-sdk implements the protocol
+and handles viewers that do not read: beyond `BACKLOG` waiting messages it drops the oldest.
 Protocol: https://docs.foxglove.dev/docs/sdk/websocket-server
 """
 
@@ -23,13 +23,13 @@ from bench.mcap.container import MESSAGE, MESSAGE_FIELDS
 from bench.mcap.scan import ScannedFile, message_heads
 
 BACKLOG = 1 << 15
-"""Messages that may wait for a viewer: some 3 MB, the messages of three vehicles in 3 s."""
+"""Messages queued per viewer: about 3 MB, the messages of three vehicles in 3 s."""
 
 SETTLE_S = 0.002
-"""Wall-clock time in s that foxglove-sdk has to send what it was given."""
+"""Wall-clock time in s that foxglove-sdk has to send its queue."""
 
 LATCHED = ("/scene",)
-"""Topics that are written once, so that a viewer that comes later is sent their last message."""
+"""Topics that are written once; a viewer that joins later gets their last message."""
 
 
 class FoxgloveServer(ServerListener):
@@ -63,7 +63,7 @@ class FoxgloveServer(ServerListener):
         self._asked: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:  # noqa: ARG002 - named by foxglove-sdk
-        """Note that a viewer wants a topic; it is called in a thread of foxglove-sdk's."""
+        """Note that a viewer subscribed to a topic; called in a thread of foxglove-sdk."""
         if channel.topic in LATCHED:
             self._asked.put(channel.topic)
 
@@ -95,8 +95,8 @@ class FoxgloveServer(ServerListener):
     async def play(self, log: ScannedFile, wanted: Collection[int], span_ns: tuple[int, int], within_s: float) -> None:
         """Send the messages of these channels from a span of time, spread over `within_s` of wall-clock time.
 
-        Viewers take a message for one of the time that they were told last, and foxglove-sdk has a queue for times and
-        one for messages: so both are given a moment to get through.
+        Viewers assign a message to the last time they received, and foxglove-sdk has separate queues for times and
+        messages: so both get a moment to arrive.
         """
         messages = _messages(log, wanted, span_ns)
         steps = [(time_ns, list(group)) for time_ns, group in itertools.groupby(messages, lambda message: message[0])]

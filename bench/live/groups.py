@@ -1,7 +1,7 @@
-"""How much of a log that is being written is complete, though its writer may be in the midst of it.
+"""How much of a log that is being written is complete.
 
 The recorder writes chunks of some half second at once, group by group of channels: raw frames, signals, truth and so on
-(`bench.mcap.chunking`). Only up to where all groups have been written is a time told of in full.
+(`bench.mcap.chunking`). A time is complete only once all groups have been written up to it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Collection
 
 
 class ChannelGroups:
-    """Which channels share chunks, found out as chunks come, and how far each group of them has been written."""
+    """Which channels share chunks, learnt from the chunks, and how far each group has been written."""
 
     def __init__(self) -> None:
         """Begin with no group known."""
@@ -20,7 +20,7 @@ class ChannelGroups:
         self._all_known = False
 
     def note(self, channels: Collection[int], end_ns: int) -> None:
-        """Take in a chunk with these channels, whose last message is of `end_ns`; noting it again does no harm."""
+        """Note a chunk with these channels, whose last message is at `end_ns`; noting it twice is harmless."""
         if not channels:
             return
         known = {self._group_of[channel] for channel in channels if channel in self._group_of}

@@ -1,4 +1,4 @@
-"""The live page: the report's page, whose curves are empty at first and grow with what it is told."""
+"""The live page: the report's page, whose curves start empty and grow with the run."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bench.errors import BadInput
 from bench.live.feed import Feed, Pool
 
 FIRST_S = 2.0
-"""How long a viewer waits for the page while there is nothing to show yet (s); then it asks again."""
+"""How long a request for the page waits while there is nothing to show (s); then the page reloads itself."""
 
 _WAITING = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="color-scheme" content="light dark">
@@ -27,7 +27,7 @@ class LivePage:
     """
 
     def __init__(self, log: Path, feed: Feed) -> None:
-        """Show `log` and tell `feed` what is new."""
+        """Show `log` and send news to `feed`."""
         self.wanted = False
         self._log = log
         self._feed = feed
@@ -46,9 +46,9 @@ class LivePage:
         return self._html
 
     async def tell(self, piece: Path, start_ns: int, end_ns: int) -> bool:
-        """Tell what is in a piece of the log from `start_ns` until before `end_ns`; return whether there was anything.
+        """Deliver a piece of the log from `start_ns` until before `end_ns`; return whether it held anything.
 
-        The page that later viewers are given is made from that piece, where it has topics that no piece had before.
+        If the piece has topics that no earlier one had, the page for later viewers is made from it.
         """
         try:
             pool, events = await asyncio.to_thread(self._read, piece, start_ns / 1e9, end_ns / 1e9)

@@ -1,4 +1,4 @@
-"""Serves the live page at `/` and what it is told at `/feed`, a WebSocket; nothing else, and no file by its path."""
+"""Serves the live page at `/` and its data at `/feed`, a WebSocket; nothing else, and no file by its path."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ OPENING_S = 1.0
 """Wall-clock time in s that a browser that has been given the page may take to open the feed."""
 
 ASK_S = 0.02
-"""How often it is looked in the end whether all viewers have been told all (s)."""
+"""Polling interval at the end, until all viewers have everything (s)."""
 
 _FEED = "/feed"
 
@@ -59,7 +59,7 @@ class PageServer:
                 host,
                 port,
                 process_request=self._answer,
-                # Viewers say nothing.
+                # Viewers send nothing.
                 max_size=1024,
                 max_queue=1,
                 compression=None,
@@ -71,9 +71,9 @@ class PageServer:
         return int(self._server.sockets[0].getsockname()[1])
 
     async def stop(self) -> None:
-        """Let those who are there be told all there is, then close all connections.
+        """Let connected viewers get everything, then close all connections.
 
-        Who does not read is waited for as long as the caller does.
+        A viewer that does not read is waited for as long as the caller waits.
         """
         while self._is_awaited():
             await asyncio.sleep(ASK_S)
@@ -82,7 +82,7 @@ class PageServer:
             await self._server.wait_closed()
 
     def _is_awaited(self) -> bool:
-        """Whether somebody is about to open the feed, or has not been told all there is."""
+        """Whether a viewer is about to open the feed, or does not have everything yet."""
         places = self._viewers.values()
         return time.monotonic() < self._opening_until or any(self._feed.has_more(place) for place in places)
 
@@ -97,7 +97,7 @@ class PageServer:
             self._opening_until = time.monotonic() + OPENING_S
             return _html(page)
         if path != _FEED:
-            return connection.respond(404, "There is nothing but / and /feed.\n")
+            return connection.respond(404, "Only / and /feed exist here.\n")
         origin = request.headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return connection.respond(403, "Only the page that is served here may open its feed.\n")
@@ -106,7 +106,7 @@ class PageServer:
         return None
 
     async def _tell(self, viewer: ServerConnection) -> None:
-        """Send a viewer all there is and all that comes, until it has been told the end or leaves."""
+        """Send a viewer everything, until it knows the end or leaves."""
         self._opening_until = 0.0
         self._viewers[viewer] = place = Place()
         gone = asyncio.ensure_future(viewer.wait_closed())

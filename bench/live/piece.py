@@ -1,4 +1,4 @@
-"""A piece of a log as a log of its own: records and chunks byte for byte, and a summary that is true of the piece."""
+"""A piece of a log as a complete log: records and chunks byte for byte, with a summary of its own."""
 
 from __future__ import annotations
 

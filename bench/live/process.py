@@ -1,7 +1,7 @@
 """The live server's process: its argument is a JSON object (log, host, port, parent), its standard input the lifeline.
 
 It prints one JSON object, `served` or `refused`, once it listens or cannot. When its standard input ends, the run is
-over: viewers are told the end, and the process ends. It ends by itself as well once the log has.
+over: viewers get the end, and the process exits. It also exits once the log has ended.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def main() -> None:
     die_with_parent()
     if os.getppid() != given["parent"]:
         return
-    # Ctrl-C at a terminal comes to all processes; what follows from it is the parent's to say.
+    # Ctrl-C at a terminal reaches all processes; the parent decides what follows.
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     set_name("live")

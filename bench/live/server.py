@@ -1,7 +1,7 @@
-"""The live server: follows a log, tells the page and Foxglove what is new in it, and at the end shows the whole run.
+"""The live server: follows a log, sends what is new to the page and Foxglove, and finally shows the complete run.
 
-Nothing of the log is looked into while nobody watches, and never for more than `SHARE` of the time, so that where cores
-are short the bench has them.
+The log is read only while somebody watches, and for at most `SHARE` of the time, so that the bench has the cores it
+needs.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from bench.live.tail import Tail
 from bench.mcap.scan import ScannedFile
 
 POLL_S = 0.25
-"""How often the log is looked at (s)."""
+"""Polling interval of the log (s)."""
 
 SHARE = 0.1
-"""The greatest share of the time that this process works, where it has much to tell."""
+"""Greatest share of the time that this process works."""
 
 LONGEST_PLAY_S = 1.0
-"""Foxglove is shown what is new at the speed that it came at, in at most this time (s)."""
+"""Foxglove gets news at the speed of the run, within at most this time (s)."""
 
 GOODBYE_S = 3.0
-"""Wall-clock time in s that viewers have at the end to take what they have not been told yet."""
+"""Wall-clock time in s that viewers have at the end to receive the rest."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class LiveServer:
         return Served(address.url("http", port), address.url("ws", self._foxglove.port))
 
     async def follow(self, over: asyncio.Event) -> None:
-        """Tell viewers what comes, until the log has ended or `over` is set.
+        """Send news to viewers until the log has ended or `over` is set.
 
         Raises:
             BadInput: the log cannot be read.
@@ -92,11 +92,11 @@ class LiveServer:
         return self._page.wanted
 
     def say(self, status: str) -> None:
-        """Tell those who watch the page what is going on."""
+        """Set the page's status line."""
         self._feed.say(status)
 
     async def stop(self) -> None:
-        """Wait some time for viewers to take what they have not been told yet, and close all connections."""
+        """Give viewers some time to receive the rest, and close all connections."""
         if self._foxglove is not None:
             await asyncio.to_thread(self._foxglove.stop)
         with suppress(TimeoutError):
@@ -118,7 +118,7 @@ class LiveServer:
             await _passed(over, max(0.0, last_at + POLL_S - time.monotonic()))
 
     async def _tell_foxglove(self, span: Span, within_s: float) -> None:
-        """Tell Foxglove of a span of time; viewers that come later are not told of it again."""
+        """Send a span of time to Foxglove; later viewers do not get it again."""
         if self._foxglove is None:
             raise BadInput("the live server has not been started")
         self._foxglove_cursor.told_ns = span.end_ns
@@ -144,7 +144,7 @@ class LiveServer:
             if span is not None:
                 with self._tail.piece(span.chunks) as piece:
                     told = await self._page.tell(piece, span.start_ns, span.end_ns)
-                # What has no truth yet is looked at again with what comes after it.
+                # A span without truth is tried again together with the next.
                 if told or span.end_ns - span.start_ns >= SPAN_NS:
                     self._page_cursor.told_ns = span.end_ns
             worked = time.process_time() - begun

@@ -1,4 +1,4 @@
-"""The live server as a run has it: started before the run, ended with it, and missed by nobody if it dies."""
+"""The live server as a run has it: started before the run, ended with it; if it dies the run continues."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ START_S = 60.0
 """Wall-clock time in s that the server may take to start; only a machine in trouble needs more."""
 
 END_S = 30.0
-"""Wall-clock time in s that it may take to show the whole run to who watches, before it is killed."""
+"""Wall-clock time in s that it may take to show the complete run to viewers, before it is killed."""
 
 PACKAGES = {"foxglove": "foxglove-sdk", "websockets": "websockets"}
-"""Module -> package that has it, of what the server needs beyond the bench."""
+"""Module -> package, of what the server needs beyond the bench."""
 
 
 def check_available() -> None:
@@ -38,10 +38,10 @@ def check_available() -> None:
 
 
 class LiveSession:
-    """A server in a process of its own."""
+    """A server in a separate process."""
 
     def __init__(self, log: Path, address: LiveAddress, warn: Callable[[str], None]) -> None:
-        """Start serving `log`, which need not be there yet; `warn` is told where that has come to an early end."""
+        """Start serving `log`, which need not be there yet; `warn` is called if that ends early."""
         self._warn = warn
         self._warned = False
         self._closing = ExitStack()
@@ -77,7 +77,7 @@ class LiveSession:
             self._warn(f"the live server {ended}{self._words(': ')}; the run goes on without it")
 
     def end(self) -> None:
-        """Have viewers told the end, then end the server."""
+        """Let viewers get the end, then end the server."""
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:

@@ -1,7 +1,7 @@
-"""Follows an MCAP log that is still being written, and cuts pieces out of it that are logs themselves.
+"""Follows an MCAP log that is still being written, and cuts pieces out of it that are complete logs.
 
-Only record heads are looked at here; what is in a chunk is read with `bench.record`, from a piece: a file with all that
-stands between the chunks (scenario, DBC files, schemas, channels) and some of the chunks, byte for byte.
+Only record heads are read here; the content of a chunk is read with `bench.record`, from a piece: a file with
+everything between the chunks (scenario, DBC files, schemas, channels) and some of the chunks, byte for byte.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Tail:
 
     @property
     def heads(self) -> int:
-        """How many records so far stand outside chunks; more of them may be new channels."""
+        """Number of records outside chunks so far; a larger one may mean new channels."""
         return len(self._head)
 
     def poll(self) -> None:
@@ -109,16 +109,16 @@ class Tail:
 
     @contextmanager
     def piece(self, chunks: Sequence[Chunk]) -> Iterator[Path]:
-        """Give a log with these chunks, and everything that stands outside chunks so far, while the context lasts.
+        """Yield a log with these chunks and all records outside chunks so far.
 
-        What has the file open, or mapped, may go on reading it afterwards. It may be called in another thread than
-        `poll`.
+        A reader that has the file open or mapped may continue to read it afterwards. May be called in another thread
+        than `poll`.
 
         Raises:
             BadInput: the log cannot be read.
         """
         try:
-            # It has no name that could stay behind when this process is killed.
+            # Unnamed, so that nothing stays behind when this process is killed.
             with tempfile.TemporaryFile() as piece:
                 bodies = ((self._read(c.at, c.size), c.indexes_size, c.indexes) for c in chunks)
                 write_piece(piece, self._head.copy(), bodies)
@@ -146,7 +146,7 @@ class Tail:
         at = self._at
         if at + _RECORD.size > size:
             return False
-        # The first fields of most records come along.
+        # Reads the first fields of most records, too.
         opening = self._read(at, min(_OPENING, size - at))
         opcode, length = _RECORD.unpack_from(opening)
         whole = _RECORD.size + length

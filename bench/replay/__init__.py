@@ -1,1 +1,1 @@
-"""A log's frames sent out again, with their timing."""
+"""Sends a log's frames again with their recorded timing."""

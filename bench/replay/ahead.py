@@ -1,4 +1,4 @@
-"""Reading ahead: a log is unpacked in a process of its own, so that no frame is late because the next ones are read."""
+"""Reads ahead: a log is unpacked in a separate process, so that reading never delays sending."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _BATCH = 100
 
 @contextmanager
 def read_ahead(items: Iterable[T]) -> Iterator[Iterator[T]]:
-    """Give an iterator over the same items, read ahead by as many as a pipe holds, while the context lasts.
+    """Yield an iterator over the same items, read ahead by as many as a pipe holds.
 
     A `BenchError` that `items` raises is raised where they are taken.
     """
-    # Forked, as what is open for reading goes along.
+    # Forked, to inherit the open log.
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
     enlarge_pipe(sender.fileno())
@@ -61,7 +61,7 @@ def _taken(receiver: Connection) -> Iterator[T]:
         try:
             batch: list[T] | BenchError | None = receiver.recv()
         except EOFError:
-            raise RunFailed("the process that reads the log ended before its time") from None
+            raise RunFailed("the process that reads the log ended unexpectedly") from None
         if batch is None:
             return
         if isinstance(batch, BenchError):

@@ -1,4 +1,4 @@
-"""How late frames were sent, in a table that stays small however many there are."""
+"""How late frames were sent, in a histogram of constant size."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ class Lateness:
         self._counts: Counter[int] = Counter()
 
     def add(self, late_ns: int) -> None:
-        """Take in the lateness of one frame; what was sent early was not late."""
+        """Add the lateness of one frame; early counts as zero."""
         late_ns = max(0, late_ns)
         self.frames += 1
         self.largest_ns = max(self.largest_ns, late_ns)
         self._counts[_rounded_up(late_ns)] += 1
 
     def quantile_ns(self, share: float) -> int:
-        """Return the lateness that this share of the frames did not exceed, at most 10 % too large; 0 without any."""
+        """Return the lateness that this share of the frames did not exceed, at most 10 % too large; 0 if none."""
         wanted = math.ceil(share * self.frames)
         seen = 0
         for late_ns in sorted(self._counts):
@@ -39,6 +39,6 @@ class Lateness:
 
 
 def _rounded_up(late_ns: int) -> int:
-    """Return `late_ns` with two digits that count."""
+    """Return `late_ns` rounded to two significant digits."""
     unit: int = 10 ** max(0, len(str(late_ns)) - 2)
     return -(-late_ns // unit) * unit

@@ -23,11 +23,11 @@ class Timed(NamedTuple):
 
 
 def in_order(frames: Iterable[Frame]) -> Iterator[Timed]:
-    """Give frames when they are due: at the end on the wire, where the log tells, else at the time of their cycle.
+    """Yield frames in the order they are due: by their end on the wire if the log has it, else by their cycle.
 
-    A frame that was never on the wire (its sender's programme sent it, the bus had no room) is due with the one before
-    it on its bus. What waited for its bus may be due in a later cycle than frames that stand after it in the log, so
-    frames are held until the log is past their time.
+    A frame that never got onto the wire (the bus had no room) is due with the previous one on its bus. A frame
+    that waited for its bus may be due in a later cycle than frames after it in the log, so frames are held until the
+    log is past their time.
     """
     held: list[Timed] = []
     newest: dict[str, Timed] = {}

@@ -1,7 +1,7 @@
-"""Sends a log's frames out on buses, each at its time.
+"""Sends a log's frames on buses, each at its time.
 
-Every frame has an absolute deadline, the start plus its time in the log, so one that is late makes no other late and
-nothing drifts. Between deadlines the process sleeps, where there is time for that.
+Every frame has an absolute deadline, the start plus its time in the log, so a late frame delays no other and
+nothing drifts. Between deadlines the process sleeps if there is time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ START_NS = 50_000_000
 """From reading the first frame to sending it: reading is ahead by then."""
 
 PATIENCE_S = 1.0
-"""How long a full send queue is waited for, once until it takes frames again."""
+"""How long to wait for a full send queue, once, before frames are counted as failed."""
 
 _PRIORITY = 80
 _EMPTY_NS = 500_000_000
@@ -36,8 +36,8 @@ class Played:
 
     Attributes:
         sent: bus -> frames sent.
-        failed: bus -> frames that the bus did not take.
-        reason: why it did not take the first of them.
+        failed: bus -> frames that the bus did not accept.
+        reason: why it did not accept the first of them.
         lateness: of the frames sent, against their deadlines; without any at full speed, which has none.
         duration_s: from the first frame to the last, wall clock.
         interrupted: whether Ctrl-C ended it.
@@ -52,7 +52,7 @@ class Played:
 
     @property
     def sent_frames(self) -> int:
-        """How many frames were sent, over all buses."""
+        """Number of frames sent, over all buses."""
         return sum(self.sent.values())
 
 
@@ -62,7 +62,7 @@ def play(frames: Iterable[Timed], links: Mapping[str, Link], speed: float) -> Pl
     Args:
         frames: in the order they are due.
         links: where each bus is; nothing that comes from there is read.
-        speed: log time over wall-clock time; infinite for as fast as the buses take them.
+        speed: log time over wall-clock time; infinite for as fast as the buses accept them.
     """
     played = Played(sent=dict.fromkeys(links, 0))
     outlets = {bus: _Outlet(link) for bus, link in links.items()}
@@ -108,7 +108,7 @@ def _play(frames: Iterable[Timed], outlets: Mapping[str, _Outlet], speed: float 
 
 
 class _Outlet:
-    """One bus, with patience for a send queue that is full, as those of real CAN interfaces are when told too much."""
+    """One bus; it waits for a full send queue, as real CAN interfaces have under load."""
 
     def __init__(self, link: Link) -> None:
         link.select([])
@@ -116,7 +116,7 @@ class _Outlet:
         self._patience_s = PATIENCE_S
 
     def send(self, can_id: int, data: bytes) -> str:
-        """Send a frame; return why the bus does not take it, nothing where it does."""
+        """Send a frame; return why the bus does not accept it, empty if it does."""
         end = time.monotonic() + self._patience_s
         while True:
             try:
@@ -131,9 +131,9 @@ class _Outlet:
             return ""
 
     def throw_away(self) -> None:
-        """Throw away what has come, where python-can keeps it; the kernel keeps only so much of a socket's."""
+        """Discard received frames that python-can would queue without limit; the kernel limits a socket's."""
         if isinstance(self._link, InterfaceLink):
-            # Sending says it where anything is wrong with the bus.
+            # If anything is wrong with the bus, sending reports it.
             with suppress(LinkError):
                 self._link.receive()
 

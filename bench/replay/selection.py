@@ -1,4 +1,4 @@
-"""Which frames of a log go out again: of some buses only, or without what one participant sent."""
+"""Selects the frames of a log to send: of some buses only, or without those of one participant."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Selection:
 
     Attributes:
         buses: the buses, in the order of the log.
-        left_out: bus -> identifiers that stay away there.
+        left_out: bus -> identifiers excluded there.
     """
 
     buses: tuple[str, ...]
@@ -31,11 +31,11 @@ class Selection:
         Args:
             run: the log.
             only: the buses; all where none is named.
-            without: participants whose frames stay away, so that real ones can send them: veh2.tracker, plant. Which
-                frames these are is what the log says of its messages, and the DBC files attached to it.
+            without: participants whose frames are excluded, so that real ones can send them: veh2.tracker, plant. The
+                log's message metadata and attached DBC files tell which frames these are.
 
         Raises:
-            BadInput: there is no such bus or participant, or nothing is left.
+            BadInput: there is no such bus or participant, or no frame remains.
         """
         for bus in only:
             if bus not in run.buses:
@@ -52,7 +52,7 @@ class Selection:
         return cls(buses, left_out)
 
     def has(self, bus: str, can_id: int) -> bool:
-        """Return whether a frame of this identifier on this bus goes out."""
+        """Return whether a frame of this identifier on this bus is sent."""
         return bus in self.buses and can_id not in self.left_out.get(bus, ())
 
 

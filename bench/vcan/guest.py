@@ -1,7 +1,7 @@
-"""The first process in user-mode Linux: sets the machine up, runs one command, hands its bytes through, ends it all.
+"""The first process in user-mode Linux: sets the machine up, runs one command, forwards its streams, and powers off.
 
-Only the standard library is used, so that it starts at once. Whatever goes wrong before it is READY is seen on the
-kernel's own console, which the caller shows.
+Only the standard library is used, so that it starts at once. Whatever goes wrong before it is READY appears on the
+kernel's console, which the caller shows.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ CONTROL, OUTPUT, ERRORS = 1, 2, 3
 """Consoles of the machine: messages both ways, the command's standard output, its standard error."""
 
 MODULES = ("net/can/can", "net/can/can-raw", "net/can/can-bcm", "drivers/net/can/dev/can-dev", "drivers/net/can/vcan")
-"""can-bcm is for tools that send periodically (python-can, cansend's relatives); the bench itself needs it not."""
+"""can-bcm is for tools that send periodically (python-can, can-utils); the bench itself does not need it."""
 
 MODULES_DIRECTORY = Path("/usr/lib/uml/modules")
 
@@ -43,7 +43,7 @@ _FROM_TERMINAL = {signal.SIGINT, signal.SIGQUIT, signal.SIGHUP}
 
 
 def main() -> None:
-    """Be the machine's first process: when it returns the machine is off."""
+    """Act as the machine's first process; when it returns the machine is off."""
     try:
         _set_up()
         _serve()
@@ -84,7 +84,7 @@ def _mount(kind: str, place: str, options: str = "") -> None:
 
 
 def _open_console(number: int) -> int:
-    """Open a console that alters no byte."""
+    """Open a console in raw mode."""
     console = os.open(f"/dev/tty{number}", os.O_RDWR | os.O_NOCTTY)
     tty.setraw(console)
     return console
@@ -124,12 +124,12 @@ def _start(launch: Launch) -> subprocess.Popen[bytes]:
 
 
 def _hand_through(command: subprocess.Popen[bytes], control: int) -> tuple[int, list[int]]:
-    """Return the command's exit status as a shell has it, and how many bytes of its two outputs were handed on."""
+    """Return the command's exit status as a shell has it, and how many bytes of its two outputs were forwarded."""
     pumps = [Pump(_take(command.stdout), OUTPUT), Pump(_take(command.stderr), ERRORS)]
     feeder = Feeder(_take(command.stdin), control)
     threading.Thread(target=_obey, args=(control, command.pid, feeder, pumps), daemon=True).start()
     status = _reap(command.pid)
-    # This machine ends with its command, and so does what the command left running.
+    # The machine ends with its command, and with it everything the command left running.
     os.kill(-1, signal.SIGKILL)
     return status, [pump.finish() for pump in pumps]
 
@@ -143,7 +143,7 @@ def _take(stream: IO[bytes] | None) -> int:
 
 
 def _reap(pid: int) -> int:
-    """Wait for a process, and meanwhile for all those whose parents have ended; return its exit status."""
+    """Wait for a process and return its exit status; meanwhile reap orphans."""
     while True:
         ended, status = os.wait()
         if ended == pid:
@@ -152,7 +152,7 @@ def _reap(pid: int) -> int:
 
 
 def _obey(control: int, pid: int, feeder: "Feeder", pumps: "list[Pump]") -> None:
-    """Do what comes over the control line until the caller is gone."""
+    """Carry out messages from the control line until the caller is gone."""
     while (message := wire.read(control)) is not None:
         kind, payload = message
         if kind is Kind.INPUT:
@@ -167,7 +167,7 @@ def _obey(control: int, pid: int, feeder: "Feeder", pumps: "list[Pump]") -> None
 
 
 class Pump:
-    """Hands one output of the command to a console, until nobody has that output open any more."""
+    """Forwards one output of the command to a console until every writer has closed it."""
 
     def __init__(self, source: int, console: int) -> None:
         self._source = source
@@ -178,11 +178,11 @@ class Pump:
         self._thread.start()
 
     def close(self) -> None:
-        """Have the command find out, by its next write but one, that nobody reads this."""
+        """Let the command notice, by its second next write, that nobody reads this."""
         self._closed = True
 
     def finish(self) -> int:
-        """Wait until all is handed on; return how many bytes that were."""
+        """Wait until everything is forwarded; return the number of bytes."""
         self._thread.join()
         termios.tcdrain(self._console)
         os.close(self._console)
@@ -196,7 +196,7 @@ class Pump:
 
 
 class Feeder:
-    """Writes standard input to the command, which takes it when it likes."""
+    """Writes standard input to the command without blocking the control line."""
 
     def __init__(self, sink: int, control: int) -> None:
         self._sink = sink
@@ -205,7 +205,7 @@ class Feeder:
         threading.Thread(target=self._run, daemon=True).start()
 
     def put(self, data: bytes) -> None:
-        """Add bytes; none mean the end."""
+        """Add bytes; an empty string marks the end."""
         self._waiting.put(data)
 
     def _run(self) -> None:
@@ -213,7 +213,7 @@ class Feeder:
             try:
                 wire.write_all(self._sink, data)
             except BrokenPipeError:
-                # The command reads no more; nor is more asked for.
+                # The command reads no more, so no more is requested.
                 return
             wire.write_numbers(self._control, Kind.TAKEN, len(data))
         os.close(self._sink)

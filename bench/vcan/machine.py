@@ -1,4 +1,4 @@
-"""The program that is a Linux kernel with CAN: what it needs of this machine, its start and its end."""
+"""The program that is a Linux kernel with CAN: what it needs from this machine, starting and stopping it."""
 
 import contextlib
 import os
@@ -18,7 +18,7 @@ from bench.vcan.guest import CONTROL, ERRORS, MODULES, MODULES_DIRECTORY, OUTPUT
 PROGRAM = "linux.uml"
 LEAST_MEMORY_MB = 256
 LAST_LINES = 12
-"""As many lines of the kernel's console are shown where it fails."""
+"""Number of console lines shown when the kernel fails."""
 
 _ROOT = Path(__file__).parents[2]
 _SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -39,12 +39,12 @@ def require_packages() -> None:
     """Check that all packages are there.
 
     Raises:
-        BadInput: some are not; the message says what to type for all of them.
+        BadInput: some are missing; the message says how to install all of them.
     """
     lacking = lacking_packages()
     if lacking:
         raise BadInput(
-            "platoon vcan: this kernel gives no CAN links, and to boot one that does (user-mode Linux) there is no "
+            "platoon vcan: this kernel has no CAN, and booting one that has (user-mode Linux) needs the missing "
             f"{', '.join(lacking)}; on Debian type:\n  sudo apt-get install --no-install-recommends {' '.join(lacking)}"
         )
 
@@ -52,12 +52,12 @@ def require_packages() -> None:
 class Machine:
     """User-mode Linux, running `bench.vcan.guest` as its first process.
 
-    It is killed as soon as the thread that made it ends, or the context that it is.
+    It is killed when the thread that created it ends, or when its context exits.
 
     Attributes:
         control: file descriptor for messages to the first process.
         answers: file descriptor for its messages.
-        output: file descriptor of the command's standard output; who reads it closes it at its end.
+        output: file descriptor of the command's standard output; its reader closes it.
         errors: file descriptor of its standard error, likewise.
     """
 
@@ -82,7 +82,7 @@ class Machine:
                 *("con=null", f"con0=null,fd:{logged}"),
                 *(f"con{CONTROL}=fd:{told},fd:{answered}", f"con{OUTPUT}=null,fd:{out}", f"con{ERRORS}=null,fd:{err}"),
                 f"uml_dir={self._directory.name}/",
-                # Words with = are the first process's environment, what follows -- its arguments.
+                # Words with = become the first process's environment; what follows -- becomes its arguments.
                 *(f'init="{python}"', f'PYTHONPATH="{_ROOT}"', "PYTHONDONTWRITEBYTECODE=1"),
                 *("--", "-S", "-m", "bench.vcan.guest"),
             ],
@@ -97,7 +97,7 @@ class Machine:
         )
         for descriptor in theirs:
             os.close(descriptor)
-        # The kernel dies with its parent, but it has helper processes that do not notice. This one sees to them: its
+        # The kernel dies with its parent, but it has helper processes that do not notice. This one kills them: its
         # standard input ends when this process is gone, however that happened.
         self._watcher = subprocess.Popen(
             ["/bin/sh", "-c", 'read _; kill -9 "-$1"', "sh", str(self._process.pid)],
@@ -126,11 +126,11 @@ class Machine:
         self.forget_files()
 
     def forget_files(self) -> None:
-        """Remove the files that it needs only to start: whatever becomes of this process later, none is left."""
+        """Remove the files needed only at the start, so that none stays behind however this process ends."""
         self._directory.cleanup()
 
     def wait(self) -> None:
-        """Wait until it is off, or kill it where that takes very long."""
+        """Wait until it is off; kill it if that takes very long."""
         try:
             self._process.wait(_END_GUARD_S)
         except subprocess.TimeoutExpired:

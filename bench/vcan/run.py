@@ -1,4 +1,4 @@
-"""Running a command where there is CAN, as if it ran here: its streams, signals and exit status."""
+"""Runs a command where there is CAN, as if it ran here: streams, signals and exit status pass through."""
 
 import contextlib
 import os
@@ -37,10 +37,10 @@ class Interrupted(BenchError):
 def run_command(command: Sequence[str], memory_mb: int = MEMORY_MB) -> int:
     """Run a command where vcan0 to vcan16 are, and return its exit status as a shell has it.
 
-    Where this kernel has the links, or lets this process make them, the command takes the place of this process.
+    If this kernel has the links, or lets this process create them, the command replaces this process.
 
     Raises:
-        BadInput: there is no such command, or neither this kernel nor a small one can give it CAN.
+        BadInput: there is no such command, or neither this kernel nor a small one can provide CAN.
         RunFailed: the small kernel failed.
         Interrupted: it was told to end before the command ran.
     """
@@ -56,7 +56,7 @@ def run_command(command: Sequence[str], memory_mb: int = MEMORY_MB) -> int:
 
 
 def _is_here() -> bool:
-    """Whether the links are here, made where that is permitted."""
+    """Whether the links exist, created if permitted."""
     if lack_of_can():
         return False
     make_links(LINKS)
@@ -81,7 +81,7 @@ def _umask() -> int:
 
 @contextlib.contextmanager
 def _signals() -> Iterator[int]:
-    """Give a file descriptor from which the numbers of arriving signals are read, one byte each."""
+    """Yield a file descriptor from which the numbers of arriving signals are read, one byte each."""
     arrived, wakeup = os.pipe()
     os.set_blocking(wakeup, False)
 
@@ -89,7 +89,7 @@ def _signals() -> Iterator[int]:
         """Leave it to the wakeup descriptor."""
 
     previous = {number: signal.signal(number, note) for number in _FORWARDED}
-    # Reading a terminal in the background shall fail, not stop us.
+    # Reading a terminal in the background must fail instead of stopping us.
     previous[signal.SIGTTIN] = signal.signal(signal.SIGTTIN, signal.SIG_IGN)
     before = signal.set_wakeup_fd(wakeup, warn_on_full_buffer=False)
     try:
@@ -128,7 +128,7 @@ class Session:
         written = [outlet.finish() for outlet in outlets]
         machine.wait()
         if self._ended is None:
-            raise RunFailed(f"vcan: user-mode Linux ended too early; its last words:\n{machine.last_words()}")
+            raise RunFailed(f"vcan: user-mode Linux ended too early; its last output:\n{machine.last_words()}")
         status, *sent = self._ended
         if sent != written:
             raise RunFailed(f"vcan: the command wrote {sent} bytes of output and errors, but {written} came")
@@ -164,7 +164,7 @@ class Session:
 
 
 class Inlet:
-    """Sends standard input to the command, in a thread, no more of it than the command's side has room for."""
+    """Sends standard input to the command, in a thread, with flow control."""
 
     def __init__(self, source: IO[str] | None, control: int) -> None:
         """Take the stream, if there is one, and the descriptor of the control line."""
@@ -208,7 +208,7 @@ class Inlet:
 
 
 class Outlet:
-    """Hands one output of the command on to this process's own, in a thread: either may be read late, or never."""
+    """Forwards one output of the command to this process's own, in a thread: either may be read late, or never."""
 
     def __init__(self, source: int, target: int, control: int) -> None:
         self._source, self._target, self._control = source, target, control

@@ -1,4 +1,4 @@
-"""What the caller's side and the first process in the kernel tell each other: small messages over one byte stream."""
+"""Protocol between the caller's side and the first process in the kernel: small messages over one byte stream."""
 
 import json
 import os
@@ -26,7 +26,7 @@ class Kind(IntEnum):
     SIGNAL = 3
     """C: the number of a signal to the command."""
     INPUT = 4
-    """C: bytes of standard input; none at its end."""
+    """C: bytes of standard input; empty at its end."""
     TAKEN = 5
     """K: how many bytes of standard input the command has taken."""
     CLOSED = 6
@@ -59,7 +59,7 @@ class Launch:
 
     @classmethod
     def decode(cls, data: bytes) -> "Launch":
-        """Return what `encode` had."""
+        """Return the command that `encode` was given."""
         given: dict[str, Any] = json.loads(data)
         return cls(**given)
 
@@ -90,7 +90,7 @@ def read(descriptor: int) -> tuple[Kind, bytes] | None:
 
 
 def write_all(descriptor: int, data: bytes) -> None:
-    """Write all of it, however much the other side takes at once."""
+    """Write all of it, however little the other side accepts at once."""
     view = memoryview(data)
     while view:
         view = view[os.write(descriptor, view) :]
