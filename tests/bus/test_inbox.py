@@ -1,15 +1,17 @@
 """A node's inbox on direct links: which cycle a frame belongs to, what is refused, and what a step is told of it."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import pytest
 
 from bench.bus.codec import load_codecs
 from bench.bus.e2e import protect
-from bench.bus.inbox import RUN_REALTIME, STOP, Inbox
+from bench.bus.inbox import Inbox
 from bench.bus.link.address import Address
+from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.link.opening import open_link
 from bench.bus.reception import Reception, ReceptionState
+from bench.bus.states import BenchCommand
 from bench.bus.topic import Signals, Topic
 from bench.errors import BadInput
 from bench.faults.kinds import BusOff, Fault, V2VOutage
@@ -23,7 +25,6 @@ CODECS = load_codecs(2)
 MOTION_VALUES = {"VelocityX": 20.0, "VelocityY": 0.0, "YawRate": 0.0}
 MOTION_ID = CODECS["veh1"].can_id("VehicleMotion")
 TIMEOUT = CODECS["veh1"].timeout_cycles("VehicleMotion")
-RUN = 1
 
 
 class Rig:
@@ -48,7 +49,7 @@ class Rig:
         can_id, data = CODECS[bus].encode(message, values, counter)
         self.far[bus].send(can_id, bytes([data[0] ^ turned_bit, *data[1:]]))
 
-    def sync(self, cycle: int, *buses: str, command: int = RUN) -> None:
+    def sync(self, cycle: int, *buses: str, command: BenchCommand = BenchCommand.RUN) -> None:
         for bus in buses or BUSES:
             self.send(bus, "BenchSync", {"Command": command, "Cycle": cycle, "Time": cycle / 100}, cycle)
 
@@ -77,10 +78,29 @@ class Rig:
 
 def test_there_is_nothing_to_drain_where_nothing_came() -> None:
     rig = Rig()
-    assert not rig.inbox.drain()
+    assert rig.inbox.drain() is False
     rig.sync(0)
-    assert rig.inbox.drain()
-    assert not rig.inbox.drain()
+    assert rig.inbox.drain() is True
+    assert rig.inbox.drain() is False
+
+
+def test_before_the_first_bench_sync_no_cycle_is_open_and_time_is_virtual() -> None:
+    inbox = Rig().inbox
+    assert (inbox.cycle, inbox.opened, inbox.stopped, inbox.realtime) == (0, -1, False, False)
+
+
+def test_links_are_told_which_frames_are_wanted() -> None:
+    class Selective(DirectLink):
+        wanted: Collection[int] = ()
+
+        def select(self, can_ids: Collection[int]) -> None:
+            self.wanted = can_ids
+
+    links = {bus: Selective(bus, Hub()) for bus in BUSES}
+    Inbox(links, CODECS, (MOTION, PEER))
+    for bus, message in (("veh1", "VehicleMotion"), ("v2v", "V2VPosition_2")):
+        wanted = [CODECS[bus].can_id(name) for name in ("BenchSync", "BenchAbsent", message)]
+        assert sorted(links[bus].wanted) == sorted(wanted)
 
 
 def test_a_cycle_is_complete_with_every_bench_sync_and_every_input() -> None:
@@ -97,6 +117,7 @@ def test_a_bench_sync_twice_counts_once_and_is_an_error() -> None:
     rig.sync(0, "veh1", "veh1")
     rig.motion(0)
     assert not rig.drained().complete
+    assert rig.inbox.health.e2e_errors == 0, "it is told with the next"
     rig.sync(0, "v2v")
     assert rig.drained().complete
     rig.inbox.take()
@@ -133,6 +154,37 @@ def test_states_outside_their_value_table_make_a_frame_an_error_though_its_crc_i
     assert rig.step(REFERENCE) is not None
     assert rig.heard(REFERENCE) == Reception(ReceptionState.OK, 0)
     assert rig.inbox.health.e2e_errors == 1
+
+
+def test_every_refused_frame_counts() -> None:
+    rig = Rig(MOTION, REFERENCE)
+    rig.sync(0)
+    for _ in range(3):
+        rig.motion(0, turned_bit=1)
+    for turned_bit in (1, 0):
+        rig.absent(0, "VehicleMotion", turned_bit=turned_bit)
+    rig.absent(0, "Reference", turned_bit=1)
+    rig.absent(0, "Reference")
+    rig.step()
+    rig.sync(1)
+    rig.motion(0)  # twice late by a cycle
+    rig.motion(0)
+    assert rig.drained().health.e2e_errors == 5
+    rig.sync(2)
+    assert rig.drained().health.e2e_errors == 7
+
+
+@pytest.mark.parametrize("length", [2, 7, 9])
+def test_a_frame_of_another_length_is_an_error_though_its_crc_is_good(length: int) -> None:
+    rig = Rig()
+    rig.sync(0)
+    frame = bytearray(length)
+    protect(frame, CODECS["veh1"].data_id("VehicleMotion"), 0)
+    rig.far["veh1"].send(MOTION_ID, bytes(frame))
+    assert not rig.drained().complete
+    rig.absent(0, "VehicleMotion")
+    assert rig.step() is None
+    assert rig.heard() == Reception(ReceptionState.ERROR, 1)
 
 
 @pytest.mark.parametrize("length", [0, 1, 7])
@@ -238,13 +290,13 @@ def test_a_skipped_cycle_is_one_more_without_a_frame_where_none_came() -> None:
 
 def test_a_step_that_did_not_wait_is_one_more_without_a_frame() -> None:
     rig = Rig()
-    rig.sync(0, command=RUN_REALTIME)
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
     rig.motion(0)
     assert rig.step() is not None
-    rig.sync(1, command=RUN_REALTIME)
+    rig.sync(1, command=BenchCommand.RUN_REALTIME)
     assert rig.drained().take()[MOTION] is None
     assert rig.heard() == Reception(ReceptionState.MISSING, 1)
-    rig.sync(2, command=RUN_REALTIME)
+    rig.sync(2, command=BenchCommand.RUN_REALTIME)
     rig.motion(2)
     assert rig.step() is not None, "the counter went on by two, for the cycle that brought no frame"
 
@@ -281,6 +333,122 @@ def test_a_refusal_is_told_in_the_step_it_belongs_to_only() -> None:
         rig.absent(cycle, "VehicleMotion")
         rig.step()
         assert rig.heard().state is (ReceptionState.ERROR if turned_bit else ReceptionState.OK)
+
+
+def test_a_step_with_its_frame_lets_the_counter_go_on_by_one_only() -> None:
+    rig = Rig()
+    for cycle in range(2):
+        rig.sync(cycle)
+        rig.motion(cycle)
+        assert rig.step() is not None
+    rig.sync(2)
+    rig.motion(3)
+    assert not rig.drained().complete
+    rig.sync(3)
+    rig.absent(2, "VehicleMotion")
+    rig.step()
+    assert rig.step() is None
+    assert rig.heard().state is ReceptionState.MISSING
+    assert rig.inbox.health.e2e_errors == 1
+
+
+def test_after_a_silence_of_all_counters_the_next_frame_is_refused_and_not_waited_for() -> None:
+    """Its counter is that of the last one: the profile cannot tell it from the same frame again."""
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(0)
+    rig.step()
+    for cycle in range(1, 15):
+        rig.sync(cycle)
+        rig.absent(cycle, "VehicleMotion")
+        rig.step()
+    rig.sync(15)
+    rig.motion(15)
+    assert rig.step() is None
+    rig.sync(16)
+    rig.motion(16)
+    assert rig.step() is not None
+
+
+def test_a_frame_after_a_later_one_is_not_used() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.motion(1)
+    rig.motion(0)
+    assert not rig.drained().complete
+
+
+def test_a_frame_after_the_announcement_of_a_later_one_is_not_used() -> None:
+    rig = Rig()
+    rig.sync(0)
+    rig.absent(1, "VehicleMotion")
+    rig.motion(0)
+    assert not rig.drained().complete
+
+
+def test_a_frame_late_by_thirteen_cycles_is_not_taken_for_one_to_come() -> None:
+    rig = Rig()
+    for cycle in range(13):
+        rig.sync(cycle)
+        rig.absent(cycle, "VehicleMotion")
+        rig.step()
+    rig.sync(13)
+    rig.motion(0)
+    for cycle in (13, 14, 15):
+        rig.absent(cycle, "VehicleMotion")
+        rig.sync(cycle + 1)
+        assert rig.step() is None
+
+
+def test_a_frame_of_neither_of_the_first_two_cycles_before_any_bench_sync_is_old() -> None:
+    rig = Rig()
+    rig.motion(2)
+    for cycle in range(3):
+        rig.sync(cycle)
+        rig.absent(cycle, "VehicleMotion")
+        assert rig.step() is None
+
+
+def test_before_the_bench_sync_of_its_own_bus_that_of_another_tells_a_frames_cycle() -> None:
+    rig = Rig(PEER)
+    rig.sync(0, "veh1")
+    rig.sync(1, "veh1")
+    rig.peer(1, x=5.0)
+    rig.drained()
+    rig.sync(0, "v2v")
+    rig.sync(1, "v2v")
+    rig.step(PEER)
+    rig.absent(0, "V2VPosition_2", "v2v")
+    rig.step(PEER)
+    rig.sync(2)
+    heard = rig.step(PEER)
+    assert heard is not None
+    assert heard["X"] == pytest.approx(5.0, abs=1e-3)
+
+
+def test_a_node_that_was_stopped_reads_bus_by_bus_and_numbers_each_by_its_own_bench_syncs() -> None:
+    rig = Rig(PEER)
+    for cycle in range(20):
+        rig.sync(cycle)
+        rig.peer(cycle, x=float(cycle))
+    assert rig.step(PEER) is None
+    for cycle in range(1, 20):
+        heard = rig.step(PEER)
+        assert heard is not None
+        assert heard["X"] == pytest.approx(cycle - 1, abs=1e-3)
+    assert rig.inbox.health.e2e_errors == 0
+
+
+def test_nothing_is_kept_of_cycles_that_are_over() -> None:
+    rig = Rig(own=(REFERENCE,))
+    for cycle in range(3):
+        rig.sync(cycle)
+        rig.motion(cycle)
+        rig.absent(cycle, "Reference")
+        rig.step()
+    assert not rig.inbox._arrived
+    assert not rig.inbox._excused
+    assert not any(slot.waiting for slot in rig.inbox._slots)
 
 
 def test_a_good_frame_that_is_late_by_cycles_is_out_of_sequence() -> None:
@@ -334,7 +502,7 @@ def test_stop_is_told_and_opens_no_cycle() -> None:
     rig.sync(0)
     rig.drained()
     assert not rig.inbox.stopped
-    rig.sync(1, command=STOP)
+    rig.sync(1, command=BenchCommand.STOP)
     assert rig.drained().stopped
     assert rig.inbox.opened == 0
 
@@ -342,7 +510,7 @@ def test_stop_is_told_and_opens_no_cycle() -> None:
 def test_in_real_time_the_cycles_that_are_over_are_left_out_and_counted() -> None:
     rig = Rig()
     for cycle in range(3):
-        rig.sync(cycle, command=RUN_REALTIME)
+        rig.sync(cycle, command=BenchCommand.RUN_REALTIME)
     rig.drained().catch_up()
     assert rig.inbox.cycle == 2
     assert rig.inbox.health.late_cycles == 2
@@ -375,8 +543,15 @@ def test_a_cycle_opened_at_the_earliest_that_any_bench_sync_tells() -> None:
 @pytest.mark.parametrize(
     ("topic", "said"),
     [
-        (Topic("veh1", "Nonsense"), r"input Nonsense does not exist on bus veh1.*VehicleMotion"),
-        (Topic("veh1", "PlannerStatus"), "input PlannerStatus on bus veh1 has no alive counter"),
+        (
+            Topic("veh1", "Nonsense"),
+            f"input Nonsense does not exist on bus veh1; its DBC has {', '.join(CODECS['veh1'].names)}",
+        ),
+        (
+            Topic("veh1", "PlannerStatus"),
+            "input PlannerStatus on bus veh1 has no alive counter to tell its cycle by; "
+            "only messages with an E2EDataId can be inputs",
+        ),
         (Topic("veh2", "VehicleMotion"), "input VehicleMotion is on bus veh2; this node has veh1, v2v"),
     ],
 )
