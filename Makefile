@@ -18,9 +18,9 @@ INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --
 FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS)
 # What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
-CHECK     := $(addprefix tests/,bus conductor control ecu plant integration/test_identity.py)
+CHECK     := $(addprefix tests/,bus faults conductor control ecu plant integration/test_identity.py)
 # The tests of the files that pyproject.toml has under [tool.coverage.run].
-SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py control/test_certificate.py \
+SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py faults control/test_certificate.py \
 	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 

@@ -16,13 +16,13 @@ from dataclasses import dataclass, field
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
 from bench.bus.link.base import Link
-from bench.bus.outbox import BENCH_ABSENT, is_off
+from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.states import BenchCommand
 from bench.bus.topic import Signals, Topic
 from bench.cycle import time_of
 from bench.errors import BadInput
-from bench.faults.plan import FaultPlan
+from bench.faults.plan import FaultPlan, is_off
 
 BENCH_SYNC = "BenchSync"
 

@@ -7,38 +7,23 @@ absent: others would wait for it for ever.
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from random import Random
 from typing import NamedTuple
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
 from bench.bus.link.base import Link
-from bench.bus.topic import V2V, Signals, vehicle_of
+from bench.bus.topic import Signals
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput
-from bench.faults.kinds import (
-    BabblingIdiot,
-    BusOff,
-    CounterStuck,
-    Fault,
-    FrameCorrupt,
-    FrameDelay,
-    FrameLoss,
-    FrameReorder,
-    GilbertElliott,
-    SensorBias,
-    SensorDropout,
-    SensorNoise,
-    SignalStuck,
-    V2VOutage,
-)
-from bench.faults.plan import FaultPlan, hits
+from bench.faults.base import Fault, FrameContext, Memory
+from bench.faults.plan import FaultPlan, Faults, is_off
 
 BENCH_ABSENT = "BenchAbsent"
 LARGEST_FRAME_BITS = 135
 """A frame of 8 bytes with a short identifier and as many stuff bits as there can be (Davis et al. 2007, equation 1)."""
 
-Faults = tuple[tuple[int, Fault], ...]
+Hits = list[tuple[Fault, FrameContext, Memory]]
+"""The faults that are done to a frame, each with what it is to know of that and what it remembers."""
 
 
 class _Queued(NamedTuple):
@@ -68,9 +53,7 @@ class Outbox:
         self._start_values: dict[tuple[str, str], dict[str, float]] = {}
         self._periods: dict[tuple[str, str], int] = {}
         self._held: defaultdict[int, list[tuple[str, int, bytes]]] = defaultdict(list)
-        self._stuck: dict[tuple[int, str, str, str], float] = {}
-        self._swapped: dict[tuple[int, str, int], bytes] = {}
-        self._bad_channel: dict[tuple[int, str, int], bool] = {}
+        self._memories: defaultdict[tuple[int, str, int], Memory] = defaultdict(dict)
 
     def put(self, bus: str, message: str, values: Signals) -> None:
         """Put in a message with its signals' physical values.
@@ -107,9 +90,11 @@ class Outbox:
             *self._codecs[bus].encode(BENCH_ABSENT, {"Identifier": can_id, "Cycle": cycle}, counter=cycle)
         )
 
+    def _values(self, item: _Queued) -> dict[str, float]:
+        return {**self._start_values[item.bus, item.message], **item.values}
+
     def _encoded(self, item: _Queued, cycle: int) -> tuple[int, bytes]:
-        values = {**self._start_values[item.bus, item.message], **item.values}
-        return self._codecs[item.bus].encode(item.message, values, cycle)
+        return self._codecs[item.bus].encode(item.message, self._values(item), cycle)
 
     def _send_faulty(self, queue: Iterable[_Queued], faults: Faults, cycle: int, lockstep: bool) -> None:
         off = {bus for bus in self._links if is_off(self._name, bus, faults)}
@@ -118,137 +103,74 @@ class Outbox:
             for bus, can_id, data in self._held.pop(held):
                 if bus not in off:
                     self._links[bus].send(can_id, data)
-        self._babble(faults, off, cycle)
+        self._send_babble(faults, off, cycle)
         for item in queue:
             bus = item.bus
-            mine = tuple((index, fault) for index, fault in faults if hits(fault, bus, item.message))
-            can_id, data = self._encoded(self._with_sensor_faults(item, mine, cycle), cycle)
+            hits = self._hits(item, faults, cycle)
+            values = self._values(item)
+            for fault, frame, memory in hits:
+                fault.on_values(values, frame, memory)
+            can_id, data = self._codecs[bus].encode(item.message, values, cycle)
             if bus in off or can_id in starved[bus]:
                 frames: list[bytes] = []
                 good = False
             else:
-                frames, good = self._on_the_way(item, can_id, data, mine, cycle) if mine else ([data], True)
-            for frame in frames:
-                self._links[bus].send(can_id, frame)
+                frames, good = self._on_the_way(item, data, hits) if hits else ([data], True)
+            for each in frames:
+                self._links[bus].send(can_id, each)
             # Of an unprotected frame nobody can tell that it is not as it should be.
             if lockstep and not good and (not frames or self._codecs[bus].is_protected(can_id)):
                 self.absent(bus, can_id, cycle)
 
-    def _on_the_way(
-        self, item: _Queued, can_id: int, data: bytes, faults: Faults, cycle: int
-    ) -> tuple[list[bytes], bool]:
+    def _hits(self, item: _Queued, faults: Faults, cycle: int) -> Hits:
+        """Return the faults of a message's frame of this cycle."""
+        can_id = self._codecs[item.bus].can_id(item.message)
+        return [
+            (fault, self.plan.context(index, item.bus, can_id, cycle), self._memories[index, item.bus, can_id])
+            for index, fault in faults
+            if fault.hits(item.bus, item.message)
+        ]
+
+    def _on_the_way(self, item: _Queued, data: bytes, hits: Hits) -> tuple[list[bytes], bool]:
         """Return what becomes of a frame: what goes out now, and whether this cycle's frame is among it and good."""
-        changed = self._changed(item, can_id, data, faults, cycle)
-        # A stuck counter is right every fifteenth time, and no news to any receiver.
-        stuck = any(isinstance(f, CounterStuck) and cycle > self.plan.window(index).first for index, f in faults)
-        good = changed == data and not stuck
-        data = changed
-        after: list[bytes] = []
-        for index, fault in faults:
-            dice = self.plan.chance(index, item.bus, can_id, cycle)
-            if isinstance(fault, FrameLoss | SensorDropout):
-                if self._is_lost(index, fault, item.bus, can_id, dice):
-                    return [], False
-            elif isinstance(fault, FrameDelay):
-                late = fault.cycles + dice.randint(0, fault.jitter_cycles)
-                if late:
-                    self._held[cycle + late].append((item.bus, can_id, data))
-                    return [], False
-            elif isinstance(fault, FrameReorder):
-                pair = (index, item.bus, can_id)
-                if not self.plan.is_second(index, cycle):
-                    self._swapped[pair] = data
-                    return [], False
-                if pair in self._swapped:
-                    after.append(self._swapped.pop(pair))
-        copies = self.plan.extra(item.bus, item.message, can_id, cycle) - len(after)
-        return [data] * (1 + max(0, copies)) + after, good
+        changed, good = self._changed(item, data, hits)
+        behind: list[bytes] = []
+        for fault, frame, memory in hits:
+            passage = fault.passage(changed, frame, memory)
+            if passage.late:
+                self._held[frame.cycle + passage.late].append((frame.bus, frame.can_id, changed))
+            if passage.late != 0:
+                return [], False
+            behind += passage.behind
+        copies = sum(fault.extra(frame) for fault, frame, _ in hits) - len(behind)
+        return [changed] * (1 + max(0, copies)) + behind, good
 
-    def _changed(self, item: _Queued, can_id: int, data: bytes, faults: Faults, cycle: int) -> bytes:
-        """Return the frame with what faults have done to its bytes."""
-        for index, fault in faults:
-            dice = self.plan.chance(index, item.bus, can_id, cycle)
-            if isinstance(fault, CounterStuck):
-                data = self._with_counter(item, data, self.plan.window(index).first)
-            elif isinstance(fault, FrameCorrupt) and dice.random() < fault.probability:
-                data = _corrupted(data, fault.bits, dice)
-        return data
-
-    def _is_lost(self, index: int, fault: FrameLoss | SensorDropout, bus: str, can_id: int, dice: Random) -> bool:
-        bursts = fault.bursts if isinstance(fault, FrameLoss) else None
-        if bursts is None:
-            return dice.random() < fault.probability
-        return self._is_lost_in_burst((index, bus, can_id), bursts, dice)
-
-    def _is_lost_in_burst(self, channel: tuple[int, str, int], bursts: GilbertElliott, dice: Random) -> bool:
-        was_bad = self._bad_channel.get(channel, False)
-        change = bursts.to_good if was_bad else bursts.to_bad
-        is_bad = was_bad != (dice.random() < change)
-        self._bad_channel[channel] = is_bad
-        return dice.random() < (bursts.loss_bad if is_bad else bursts.loss_good)
+    def _changed(self, item: _Queued, data: bytes, hits: Hits) -> tuple[bytes, bool]:
+        """Return what a frame's bytes become, and whether receivers find them good."""
+        changed, repeated = data, False
+        for fault, frame, _ in hits:
+            counter = fault.counter(frame)
+            if counter is not None:
+                changed = self._with_counter(item, changed, counter)
+                # A stuck counter is right every fifteenth time, and no news to any receiver.
+                repeated |= counter != frame.cycle
+            changed = fault.on_bytes(changed, frame)
+        return changed, changed == data and not repeated
 
     def _with_counter(self, item: _Queued, data: bytes, counter: int) -> bytes:
         changed = bytearray(data)
         protect(changed, self._codecs[item.bus].data_id(item.message), counter % COUNTER_MODULUS)
         return bytes(changed)
 
-    def _with_sensor_faults(self, item: _Queued, faults: Faults, cycle: int) -> _Queued:
-        """Return the message as a faulty sensor or sender means it; CRC and counter will be good."""
-        values = None
+    def _send_babble(self, faults: Faults, off: set[str], cycle: int) -> None:
         for index, fault in faults:
-            if not isinstance(fault, SignalStuck | SensorBias | SensorNoise):
-                continue
-            values = values or {**self._start_values[item.bus, item.message], **item.values}
-            value = values[fault.signal]
-            if isinstance(fault, SignalStuck):
-                value = self._stuck.setdefault((index, item.bus, item.message, fault.signal), value)
-            elif isinstance(fault, SensorBias):
-                value += fault.bias
-            else:
-                can_id = self._codecs[item.bus].can_id(item.message)
-                value += self.plan.chance(index, item.bus, can_id, cycle).gauss(0.0, fault.sigma)
-            values[fault.signal] = value
-        return item if values is None else item._replace(values=values)
-
-    def _babble(self, faults: Faults, off: set[str], cycle: int) -> None:
-        for index, fault in faults:
-            if isinstance(fault, BabblingIdiot) and fault.node == self._name:
-                bus = fault.node.partition(".")[0]
-                dice = self.plan.chance(index, bus, fault.identifier, cycle)
+            for bus, can_id in fault.identifiers(self._name):
                 if bus not in off:
-                    for _ in range(fault.frames_per_cycle):
-                        self._links[bus].send(fault.identifier, dice.randbytes(8))
-
-
-def is_off(node: str, bus: str, faults: Faults) -> bool:
-    """Return whether a node takes no part on a bus, neither sending nor receiving."""
-    for _, fault in faults:
-        if isinstance(fault, BusOff) and fault.node == node and bus != V2V:
-            return True
-        if isinstance(fault, V2VOutage) and bus == V2V and fault.vehicle in (None, vehicle_of(node)):
-            return True
-    return False
+                    for data in fault.payloads(self.plan.chance(index, bus, can_id, cycle)):
+                        self._links[bus].send(can_id, data)
 
 
 def _starved(codec: Codec, bus: str, faults: Faults) -> frozenset[int]:
-    """Return the identifiers that find no room on a bus in a cycle beside a babbling idiot.
-
-    All messages of a bus are taken to be due in the cycle, and every frame to be as long as one can be.
-    """
-    starved: frozenset[int] = frozenset()
-    for _, fault in faults:
-        if isinstance(fault, BabblingIdiot) and fault.node.partition(".")[0] == bus:
-            room = codec.bit_rate * CYCLE_MS // 1000 // LARGEST_FRAME_BITS
-            before = [can_id for can_id in codec.can_ids if can_id <= fault.identifier]
-            after = [can_id for can_id in codec.can_ids if can_id > fault.identifier]
-            left = max(0, room - len(before) - fault.frames_per_cycle)
-            starved |= frozenset([*before[room:], *after[left:]])
-    return starved
-
-
-def _corrupted(data: bytes, bits: int, dice: Random) -> bytes:
-    """Return `data` with this many of its bits turned over."""
-    word = int.from_bytes(data, "little")
-    for bit in dice.sample(range(8 * len(data)), min(bits, 8 * len(data))):
-        word ^= 1 << bit
-    return word.to_bytes(len(data), "little")
+    """Return the identifiers that find no room on a bus in a cycle, where every frame is as long as one can be."""
+    room = codec.bit_rate * CYCLE_MS // 1000 // LARGEST_FRAME_BITS
+    return frozenset().union(*(fault.starved(bus, codec.can_ids, room) for _, fault in faults))

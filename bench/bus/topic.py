@@ -3,25 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from bench.names import V2V, vehicle_bus, vehicle_of
+
+__all__ = ["PLANT", "V2V", "Outgoing", "Signals", "Topic", "vehicle_bus", "vehicle_of"]
+
 Signals = Mapping[str, float]
 """The physical values of one message's signals by name, in the DBC's units."""
 
-V2V = "v2v"
-"""Name of the radio between the vehicles; vehicle i's own bus is `veh<i>`."""
-
 PLANT = "plant"
 """Name of the process that all vehicles' FMUs run in."""
-
-
-def vehicle_bus(vehicle: int) -> str:
-    """Name of vehicle `vehicle`'s own bus (vehicles count from 1)."""
-    return f"veh{vehicle}"
-
-
-def vehicle_of(name: str) -> int | None:
-    """Number of the vehicle whose bus or process `name` is (veh3, veh3.planner), None where it is no vehicle's."""
-    number = name.partition(".")[0].removeprefix("veh")
-    return int(number) if name.startswith("veh") and number.isdecimal() else None
 
 
 @dataclass(frozen=True, slots=True)

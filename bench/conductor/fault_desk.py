@@ -19,14 +19,15 @@ from pydantic import TypeAdapter, ValidationError
 from bench.conductor.seats import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
-from bench.faults.kinds import Fault, kinds
+from bench.faults.base import Fault
+from bench.faults.kinds import AnyFault, kinds
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.scenario.fault_targets import target_problems
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
 
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 ASKED_FOR = "asked for while running: "
 """What the event of a fault typed into a running bench begins with; the fault follows, whole, as JSON."""
 
@@ -88,7 +89,7 @@ class FaultDesk:
             return
         for index, fault in enumerate(self.plan.faults):
             window = self.plan.window(index)
-            target = f"{fault.kind}: {fault.target()}" if fault.target() else fault.kind
+            target = f"{fault.name()}: {fault.target()}" if fault.target() else fault.name()
             if cycle >= window.first and (index, True) not in self._told:
                 self._told.add((index, True))
                 until = "the end" if window.end is None else f"{time_of(window.end):g} s"

@@ -1,19 +1,11 @@
 """ECUs that faults have crashed or stopped, cycle by cycle."""
 
-from enum import Enum
-
 from bench.conductor.crew import Crew
-from bench.faults.kinds import EcuCrash, EcuHang
+from bench.faults.base import Condition
 from bench.faults.plan import FaultPlan
 
 GOES_ON_WITHOUT = "; the run goes on without "
 """How the event of an ECU's failure says, before their names, who is missing from there on."""
-
-
-class _Condition(Enum):
-    RUNNING = "running"
-    STOPPED = "stopped"
-    DEAD = "dead"
 
 
 class Outages:
@@ -26,7 +18,7 @@ class Outages:
     def __init__(self, plan: FaultPlan) -> None:
         """Begin with all ECUs running."""
         self._plan = plan
-        self._conditions: dict[str, _Condition] = {}
+        self._conditions: dict[str, Condition] = {}
         self._failed: set[str] = set()
 
     @property
@@ -46,29 +38,28 @@ class Outages:
             RunFailed: an ECU did not start anew.
             Interrupted: a signal has come.
         """
-        wanted: dict[str, _Condition] = {}
+        wanted: dict[str, Condition] = {}
         for _, fault in self._plan.at(cycle):
-            if isinstance(fault, EcuCrash):
-                wanted[fault.ecu] = _Condition.DEAD
-            elif isinstance(fault, EcuHang):
-                wanted.setdefault(fault.ecu, _Condition.STOPPED)
+            if fault.outage:
+                ecu, condition = fault.outage
+                wanted[ecu] = max(condition, wanted.get(ecu, Condition.RUNNING))
         if wanted == self._conditions:
             return
         for name in {**self._conditions, **wanted}:
             if name not in self._failed:
                 before, after = self._conditions.get(name), wanted.get(name)
-                self._change(name, before or _Condition.RUNNING, after or _Condition.RUNNING, crew)
+                self._change(name, before or Condition.RUNNING, after or Condition.RUNNING, crew)
         self._conditions = wanted
 
-    def _change(self, name: str, before: _Condition, after: _Condition, crew: Crew) -> None:
+    def _change(self, name: str, before: Condition, after: Condition, crew: Crew) -> None:
         if before is after:
             return
-        if after is _Condition.DEAD:
+        if after is Condition.DEAD:
             crew.kill(name)
             return
-        if before is _Condition.DEAD:
+        if before is Condition.DEAD:
             crew.restart(name)
-        if after is _Condition.STOPPED:
+        if after is Condition.STOPPED:
             crew.pause(name)
-        elif before is _Condition.STOPPED:
+        elif before is Condition.STOPPED:
             crew.resume(name)

@@ -16,7 +16,7 @@ from bench.conductor.crew import Crew
 from bench.conductor.cycle import Due, frames_due
 from bench.ecu.main import DEFAULT_ECUS, buses_of, ecu_name
 from bench.errors import BadInput, RunFailed
-from bench.faults.kinds import EcuCrash, EcuHang, Fault
+from bench.faults.base import Fault
 
 Frames = Sequence[tuple[int, bytes]]
 
@@ -78,10 +78,10 @@ def refuse_outages(faults: Iterable[Fault], without: Collection[str]) -> None:
         BadInput: see there.
     """
     for fault in faults:
-        if isinstance(fault, EcuCrash | EcuHang) and fault.ecu in without:
+        if fault.outage and fault.outage.ecu in without:
             raise BadInput(
-                f"--without {fault.ecu}: the scenario has a fault {fault.kind} for it, but only an ECU that the bench "
-                "starts can be crashed or stopped; leave one of the two out"
+                f"--without {fault.outage.ecu}: the scenario has a fault {fault.name()} for it, but only an ECU that "
+                "the bench starts can be crashed or stopped; leave one of the two out"
             )
 
 

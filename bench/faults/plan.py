@@ -10,15 +10,19 @@ import os
 import struct
 import tempfile
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from random import Random
 
 from pydantic import TypeAdapter
 
 from bench.cycle import CYCLE_S
-from bench.faults.kinds import Fault, FrameDuplicate, FrameReorder, Window
+from bench.faults.base import Fault, FrameContext, Window
+from bench.faults.kinds import AnyFault
 
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+Faults = tuple[tuple[int, Fault], ...]
+"""The faults at work in a cycle, each with its number in the plan."""
+
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 _HEAD = struct.Struct("<II")
 BOARD_BYTES = 256 * 1024
 
@@ -92,7 +96,7 @@ class FaultPlan:
             self._posted = self._board.count
             self._set((*self._planned, *self._board.read()))
 
-    def _at(self, cycle: int) -> tuple[tuple[int, Fault], ...]:
+    def _at(self, cycle: int) -> Faults:
         return tuple(
             (index, fault)
             for index, (fault, window) in enumerate(zip(self.faults, self._windows, strict=True))
@@ -107,22 +111,20 @@ class FaultPlan:
         """Return what chance has in store for a frame in a fault; the same wherever it is asked."""
         return Random(f"{self._seed}/{index}/{bus}/{can_id}/{cycle}")
 
+    def context(self, index: int, bus: str, can_id: int, cycle: int) -> FrameContext:
+        """Return a frame of a cycle as the fault number `index` is asked about it."""
+        dice = partial(self.chance, index, bus, can_id, cycle)
+        return FrameContext(bus, can_id, cycle, self._windows[index].first, dice)
+
     def extra(self, bus: str, message: str, can_id: int, cycle: int) -> int:
         """Return how many frames of a message a cycle brings beyond the one that is due, after that."""
-        count = 0
-        for index, fault in self.at(cycle):
-            if isinstance(fault, FrameDuplicate | FrameReorder) and hits(fault, bus, message):
-                if isinstance(fault, FrameReorder):
-                    count += self.is_second(index, cycle)
-                elif self.chance(index, bus, can_id, cycle).random() < fault.probability:
-                    count += fault.copies
-        return count
-
-    def is_second(self, index: int, cycle: int) -> bool:
-        """Return whether a reordered frame of this cycle is the second of its pair, the one that goes first."""
-        return (cycle - self._windows[index].first) % 2 == 1
+        return sum(
+            fault.extra(self.context(index, bus, can_id, cycle))
+            for index, fault in self.at(cycle)
+            if fault.hits(bus, message)
+        )
 
 
-def hits(fault: Fault, bus: str, message: str) -> bool:
-    """Return whether a fault of frames is one of this message."""
-    return bool(getattr(fault, "bus", None) == bus and getattr(fault, "message", None) in (None, message))
+def is_off(node: str, bus: str, faults: Faults) -> bool:
+    """Return whether a node takes no part on a bus, neither sending nor receiving."""
+    return any(fault.cuts(node, bus) for _, fault in faults)

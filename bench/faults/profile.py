@@ -31,7 +31,7 @@ class Constant(BaseModel):
     kind: Literal["constant"] = "constant"
     level: float
 
-    def value(self, t: float) -> float:  # noqa: ARG002 - one signature for all profiles
+    def value(self, t: float) -> float:
         """Return the value at time `t` (s)."""
         return self.level
 

@@ -1,13 +1,12 @@
 """What faults do to a vehicle itself: its actuators, its tyres, the road under it."""
 
-from dataclasses import replace
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import asdict, replace
 
-from bench.faults.kinds import ActuatorStuck, IcePatch, TyreBlowout
+from bench.faults.base import Memory
 from bench.faults.plan import FaultPlan
 from bench.plant.actuators import Applied
-
-_FIELDS = {"steering": "steering_angle"}
-_AXLES = {"front": "lambda_f", "rear": "lambda_r"}
 
 
 class VehicleFaults:
@@ -18,26 +17,19 @@ class VehicleFaults:
         self._vehicle = vehicle
         self._plan = plan
         self._last = Applied()
-        self._stuck: dict[int, float] = {}
+        self._memories: defaultdict[int, Memory] = defaultdict(dict)
 
     def on_actuators(self, cycle: int, meant: Applied) -> Applied:
         """Return what the actuators really apply of what they are to apply."""
-        applied = meant
+        changes: dict[str, float] = {}
         for index, fault in self._plan.at(cycle):
-            if isinstance(fault, ActuatorStuck) and fault.vehicle == self._vehicle:
-                field = _FIELDS.get(fault.actuator, fault.actuator)
-                before = getattr(self._last, field)
-                stuck = self._stuck.setdefault(index, before if fault.value is None else fault.value)
-                applied = replace(applied, **{field: stuck})
-        self._last = applied
-        return applied
+            changes |= fault.on_actuators(self._vehicle, asdict(self._last), self._memories[index])
+        self._last = replace(meant, **changes)
+        return self._last
 
-    def on_road(self, cycle: int, acting: dict[str, float]) -> dict[str, float]:
+    def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> dict[str, float]:
         """Return the FMU's inputs by name, changed by what has happened to tyres and road."""
         changes: dict[str, float] = {}
         for _, fault in self._plan.at(cycle):
-            if isinstance(fault, TyreBlowout) and fault.vehicle == self._vehicle:
-                changes[_AXLES[fault.axle]] = fault.lambda_level
-            elif isinstance(fault, IcePatch) and fault.vehicle in (None, self._vehicle):
-                changes["mu"] = fault.mu
-        return {**acting, **changes} if changes else acting
+            changes |= fault.on_vehicle(self._vehicle)
+        return {**acting, **changes}

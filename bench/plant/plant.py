@@ -163,7 +163,7 @@ class VehicleNode:
         self._actuators.take({name: commands[topic] for name, topic in self._commands.items()})
         self._applied = self._faults.on_actuators(cycle, self._actuators.applied)
         time_s = time_of(cycle)
-        values = self._faults.on_road(cycle, self._acting(time_s))
+        values = self._faults.on_inputs(cycle, self._acting(time_s))
         self._fmu.step(time_s, CYCLE_S, [values[name] for name in self._inputs])
         self._step_us = (time.perf_counter() - started) * 1e6
 

@@ -8,10 +8,11 @@ from pydantic import TypeAdapter, ValidationError
 from bench.conductor.fault_desk import ASKED_FOR
 from bench.conductor.outages import GOES_ON_WITHOUT
 from bench.cycle import CYCLE_MS
-from bench.faults.kinds import Fault
+from bench.faults.base import Fault
+from bench.faults.kinds import AnyFault
 from bench.record.reader import Run
 
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(Fault)
+_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from bench.conductor.crew import Ended
 from bench.cycle import time_of
 from bench.ecu.runtime import SentNaN
 from bench.errors import BadInput, BenchError
-from bench.faults.kinds import Fault
+from bench.faults.base import Fault
 from bench.record.compare import SignalDifference
 from bench.resim.comparison import Comparison, First, Pair
 from bench.resim.recording import EcuLog

@@ -17,7 +17,7 @@ from bench.bus.topic import Topic
 from bench.conductor.seats import Seat
 from bench.cycle import CYCLE_NS
 from bench.ecu.main import buses_of, sends_of
-from bench.faults.kinds import BabblingIdiot, Fault
+from bench.faults.base import Fault
 from bench.record.reader import Run
 
 Frame = tuple[str, int, bytes]
@@ -135,8 +135,7 @@ class EcuLog:
             bus: frozenset(codecs[bus].can_id(t.message) for t in self._sends if t.bus == bus) for bus in self.codecs
         }
         others = {bus: frozenset(codec.can_ids) - self._own[bus] for bus, codec in self.codecs.items()}
-        babble = [fault for fault in faults if isinstance(fault, BabblingIdiot) and fault.node == seat.name]
-        places = {(fault.node.partition(".")[0], fault.identifier) for fault in babble}
+        places = {place for fault in faults for place in fault.identifiers(seat.name)}
         # Frames with an identifier of another node cannot be told from that one's.
         self._babble = {(bus, can_id) for bus, can_id in places if can_id not in others[bus]}
         gap = _first_gap([log.synced for log in self.buses.values()]) if len(self.buses) == len(self.codecs) else 0

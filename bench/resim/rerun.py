@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.node import Node
-from bench.bus.outbox import is_off
 from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.direct import DirectCrew
@@ -25,8 +24,8 @@ from bench.conductor.realtime import SETTLE_CYCLES
 from bench.cycle import time_of
 from bench.ecu.main import load_class, sends_of
 from bench.ecu.runtime import EcuNode
-from bench.faults.kinds import EcuCrash, EcuHang, Fault
-from bench.faults.plan import FaultPlan
+from bench.faults.base import Fault
+from bench.faults.plan import FaultPlan, is_off
 from bench.resim.realtime_log import Feed, Naming
 from bench.resim.recording import EcuLog, Frame
 from bench.resim.step_limit import StepLimit
@@ -82,7 +81,7 @@ class Rerun:
         self._witnesses: list[Witness] = []
         self._stack = ExitStack()
         name = log.seat.name
-        mine = [fault for fault in faults if isinstance(fault, EcuCrash | EcuHang) and fault.ecu == name]
+        mine = [fault for fault in faults if fault.outage and fault.outage.ecu == name]
         self._outages = Outages(FaultPlan(mine))
         # Not entered: signals end this process as they end any other.
         interrupts = Interrupts()

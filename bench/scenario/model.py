@@ -17,7 +17,7 @@ from pydantic_core import PydanticCustomError
 from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
 from bench.cycle import CYCLE_S
 from bench.errors import BadInput
-from bench.faults.kinds import Fault
+from bench.faults.kinds import AnyFault
 from bench.faults.profile import STRICT, Profile, Within, constant
 
 LEAST_START_DISTANCE_M = 4.0
@@ -128,7 +128,7 @@ class Scenario(BaseModel):
     road: Road = Road()
     planner: PlannerSettings = PlannerSettings()
     tracker: TrackerSettings = TrackerSettings()
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[AnyFault, ...] = ()
     on_ecu_failure: Literal["end", "continue"] = "end"
     buses: dict[str, str] = {}
 

@@ -5,7 +5,7 @@ import pytest
 from bench.bus.codec import load_codecs
 from bench.bus.topic import Topic
 from bench.conductor.cycle import CycleFrames, frames_due
-from bench.faults.kinds import FrameDuplicate
+from bench.faults.frames import FrameDuplicate
 from bench.faults.plan import FaultPlan
 
 VEHICLES = 2

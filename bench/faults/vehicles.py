@@ -1,0 +1,62 @@
+"""Faults of a vehicle itself: its actuators, its tyres, the road under it."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from bench.faults.base import Bench, Fault, Memory, Problem, VehicleNumber, no_vehicle
+
+
+class ActuatorStuck(Fault):
+    """An actuator stays where it is, or goes to `value` (rad, N m) and stays there, whatever is commanded."""
+
+    kind: Literal["actuator_stuck"] = "actuator_stuck"
+    vehicle: VehicleNumber
+    actuator: Literal["steering", "torque_fl", "torque_rl", "torque_rr", "torque_fr"]
+    value: float | None = None
+
+    def problems(self, bench: Bench) -> list[Problem]:
+        """See `Fault`."""
+        return no_vehicle(self.vehicle, bench)
+
+    def on_actuators(self, vehicle: int, before: Mapping[str, float], memory: Memory) -> dict[str, float]:
+        """See `Fault`."""
+        if vehicle != self.vehicle:
+            return {}
+        applied = "steering_angle" if self.actuator == "steering" else self.actuator
+        return {applied: memory.setdefault("value", before[applied] if self.value is None else self.value)}
+
+
+class TyreBlowout(Fault):
+    """The cornering stiffness of an axle falls to C (1 + 0.4 `lambda_level`)."""
+
+    kind: Literal["tyre_blowout"] = "tyre_blowout"
+    vehicle: VehicleNumber
+    axle: Literal["front", "rear"]
+    lambda_level: Annotated[float, Field(ge=-1, le=1)] = -1.0
+
+    def problems(self, bench: Bench) -> list[Problem]:
+        """See `Fault`."""
+        return no_vehicle(self.vehicle, bench)
+
+    def on_vehicle(self, vehicle: int) -> dict[str, float]:
+        """See `Fault`."""
+        lambda_axle = {"front": "lambda_f", "rear": "lambda_r"}[self.axle]
+        return {lambda_axle: self.lambda_level} if vehicle == self.vehicle else {}
+
+
+class IcePatch(Fault):
+    """The adhesion is `mu` under one vehicle, or under all."""
+
+    kind: Literal["ice_patch"] = "ice_patch"
+    vehicle: VehicleNumber | None = None
+    mu: Annotated[float, Field(ge=0.05, le=1.5)] = 0.2
+
+    def problems(self, bench: Bench) -> list[Problem]:
+        """See `Fault`."""
+        return no_vehicle(self.vehicle, bench)
+
+    def on_vehicle(self, vehicle: int) -> dict[str, float]:
+        """See `Fault`."""
+        return {"mu": self.mu} if self.vehicle in (None, vehicle) else {}

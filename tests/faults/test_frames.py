@@ -1,0 +1,144 @@
+"""What becomes of frames on their way, with each fault that can befall them."""
+
+import pytest
+
+from bench.bus import e2e
+from bench.bus.link.address import Address
+from bench.bus.link.opening import open_link
+from bench.bus.outbox import Outbox
+from bench.faults.frames import (
+    CounterStuck,
+    FrameCorrupt,
+    FrameDelay,
+    FrameDuplicate,
+    FrameLoss,
+    FrameReorder,
+    GilbertElliott,
+)
+from bench.faults.nodes import BusOff
+from bench.faults.plan import FaultPlan
+from tests.faults.sending import CODEC, CODECS, CYCLES, START, absences, angles, names, on, sent
+
+
+def test_a_lost_frame_is_announced_as_absent_in_virtual_time_only() -> None:
+    fault = FrameLoss(**on(for_s=0.05))
+    came = sent(fault)
+    assert names(came, START - 1) == ["SteeringCommand", "TorqueCommandFront"]
+    for cycle in range(START, START + 5):
+        assert names(came, cycle) == ["BenchAbsent", "TorqueCommandFront"]
+        assert absences(came, cycle) == [0x300]
+        assert came[cycle][0][1]["Cycle"] == cycle
+    assert names(came, START + 5) == ["SteeringCommand", "TorqueCommandFront"]
+    assert names(sent(fault, lockstep=False), START) == ["TorqueCommandFront"]
+
+
+def test_a_fault_of_all_messages_of_a_bus_befalls_them_all() -> None:
+    came = sent(FrameLoss(at_s=START / 100, bus="veh1"))
+    assert names(came, START) == ["BenchAbsent", "BenchAbsent"]
+    assert names(sent(FrameLoss(at_s=START / 100, bus="veh2")), START) == ["SteeringCommand", "TorqueCommandFront"]
+
+
+def test_losses_are_as_frequent_as_asked_and_the_same_for_the_same_seed() -> None:
+    fault = FrameLoss(**on(at_s=0.0, probability=0.5))
+    lost = [[cycle for cycle in range(CYCLES) if not angles(came, cycle)] for came in (sent(fault), sent(fault))]
+    assert lost[0] == lost[1]
+    assert 5 <= len(lost[0]) <= 25
+    other = sent(fault, seed=2)
+    assert lost[0] != [cycle for cycle in range(CYCLES) if not angles(other, cycle)]
+
+
+def test_losses_come_in_bursts() -> None:
+    bursts = GilbertElliott(to_bad=0.1, to_good=0.25)
+    address = Address.parse("direct")
+    far, near = open_link("veh1", address), open_link("veh1", address)
+    outbox = Outbox("veh1.tracker", {"veh1": near}, CODECS, FaultPlan([FrameLoss(**on(at_s=0.0, bursts=bursts))]))
+    pattern = []
+    for cycle in range(4000):
+        outbox.put("veh1", "SteeringCommand", {})
+        outbox.send(cycle)
+        pattern.append(far.receive()[0][0] != 0x300)
+    lengths = [len(run) for run in "".join("x" if lost else " " for lost in pattern).split()]
+    # A burst is 1 / to_good frames long, and a share to_bad / (to_bad + to_good) of all frames is lost.
+    assert sum(lengths) / len(lengths) == pytest.approx(4.0, rel=0.2)
+    assert sum(pattern) / len(pattern) == pytest.approx(0.1 / 0.35, rel=0.2)
+
+
+def test_a_delayed_frame_comes_whole_cycles_later() -> None:
+    came = sent(FrameDelay(**on(cycles=3, for_s=0.04)))
+    assert [angles(came, cycle) for cycle in range(START, START + 9)] == [
+        [],
+        [],
+        [],
+        [START],
+        [START + 1, START + 4],
+        [START + 2, START + 5],
+        [START + 3, START + 6],
+        [START + 7],
+        [START + 8],
+    ]
+    assert absences(came, START) == [0x300]
+    assert absences(came, START + 4) == []
+
+
+def test_jitter_spreads_the_delay() -> None:
+    came = sent(FrameDelay(**on(cycles=1, jitter_cycles=3)))
+    delays = [cycle - angle for cycle in range(START, CYCLES) for angle in angles(came, cycle)]
+    assert set(delays) == {1, 2, 3, 4}
+
+
+def test_duplicates_are_the_same_frame_again() -> None:
+    came = sent(FrameDuplicate(**on(copies=2)))
+    assert names(came, START) == ["SteeringCommand"] * 3 + ["TorqueCommandFront"]
+    assert len({data for name, _, data in came[START] if name == "SteeringCommand"}) == 1
+
+
+def test_reordered_frames_come_in_swapped_pairs() -> None:
+    came = sent(FrameReorder(**on()))
+    assert [angles(came, cycle) for cycle in range(START, START + 4)] == [
+        [],
+        [START + 1, START],
+        [],
+        [START + 3, START + 2],
+    ]
+    assert absences(came, START) == [0x300]
+
+
+@pytest.mark.parametrize("bits", [1, 2, 5, 64])
+def test_a_corrupted_frame_has_that_many_bits_turned_over(bits: int) -> None:
+    clean, came = sent(), sent(FrameCorrupt(**on(bits=bits)))
+    for cycle in range(START, CYCLES):
+        good = next(data for name, _, data in clean[cycle] if name == "SteeringCommand")
+        bad = next(data for name, _, data in came[cycle] if name == "SteeringCommand")
+        turned = int.from_bytes(good, "big") ^ int.from_bytes(bad, "big")
+        assert turned.bit_count() == bits
+        assert absences(came, cycle) == [0x300]
+
+
+def test_a_stuck_counter_has_a_good_crc() -> None:
+    came = sent(CounterStuck(**on()))
+    for cycle in range(START, CYCLES):
+        values, data = next((values, data) for name, values, data in came[cycle] if name == "SteeringCommand")
+        assert values["AliveCounter"] == START % 15
+        assert e2e.check(data, CODEC.data_id("SteeringCommand"))
+        assert angles(came, cycle) == [cycle]
+        assert absences(came, cycle) == ([] if cycle == START else [0x300])
+
+
+def test_a_delay_of_nothing_or_one_cycle_leaves_some_frames_where_they_are() -> None:
+    came = sent(FrameDelay(**on(cycles=0, jitter_cycles=1)))
+    delays = [cycle - angle for cycle in range(START, CYCLES) for angle in angles(came, cycle)]
+    assert set(delays) == {0, 1}
+
+
+def test_a_delayed_frame_that_comes_due_while_its_node_is_off_the_bus_is_lost() -> None:
+    off = BusOff(at_s=(START + 2) / 100, node="veh1.tracker", for_s=0.01)
+    came = sent(FrameDelay(**on(cycles=2, for_s=0.01)), off)
+    assert START not in [angle for cycle in came for angle in angles(came, cycle)]
+    assert absences(came, START) == [0x300]
+
+
+def test_the_second_of_a_pair_whose_first_was_lost_takes_its_place_too() -> None:
+    """A cycle has as many frames as `FaultPlan.extra` tells the conductor, which waits for them."""
+    came = sent(FrameLoss(**on(for_s=0.01)), FrameReorder(**on()))
+    pairs = [angles(came, cycle) for cycle in range(START, START + 4)]
+    assert pairs == [[], [START + 1] * 2, [], [START + 3, START + 2]]

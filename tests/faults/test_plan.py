@@ -1,0 +1,33 @@
+"""The plan of a run's faults, and the board on which new ones reach every process."""
+
+import pytest
+
+from bench.faults.frames import FrameLoss, GilbertElliott
+from bench.faults.plan import FaultBoard, FaultPlan
+from bench.faults.vehicles import IcePatch
+from tests.faults.sending import on
+
+
+def test_faults_on_the_board_reach_every_plan() -> None:
+    descriptor = FaultBoard.create()
+    board, others = FaultBoard(descriptor), FaultBoard(descriptor)
+    plan = FaultPlan([IcePatch(at_s=1.0, mu=0.1)], board=others)
+    fault = FrameLoss(**on(at_s=0.0, bursts=GilbertElliott(to_bad=0.5, to_good=0.5)))
+    plan.refresh()
+    assert plan.at(0) == ()
+    board.post(fault)
+    plan.refresh()
+    assert plan.at(0) == ((1, fault),)
+    assert plan.at(100) == ((0, plan.faults[0]), (1, fault))
+
+
+def test_a_full_board_says_so() -> None:
+    board = FaultBoard(FaultBoard.create())
+
+    def fill() -> None:
+        for _ in range(10_000):
+            board.post(IcePatch(at_s=1.0))
+
+    with pytest.raises(ValueError, match="no room"):
+        fill()
+    assert len(board.read()) == board.count > 1000

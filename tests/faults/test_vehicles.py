@@ -1,0 +1,44 @@
+"""What a vehicle's own faults make of its actuators' commands and of its FMU's inputs."""
+
+import pytest
+
+from bench.faults.plan import FaultPlan
+from bench.faults.vehicles import ActuatorStuck, IcePatch, TyreBlowout
+from bench.plant.actuators import Applied
+from bench.plant.faults import VehicleFaults
+
+
+def test_a_stuck_actuator_stays_where_it_was() -> None:
+    faults = VehicleFaults(1, FaultPlan([ActuatorStuck(at_s=0.02, for_s=0.02, vehicle=1, actuator="steering")]))
+    applied = [faults.on_actuators(cycle, Applied(cycle / 10, cycle, cycle, cycle, cycle)) for cycle in range(5)]
+    assert [each.steering_angle for each in applied] == [0.0, 0.1, 0.1, 0.1, 0.4]
+    assert [each.torque_fl for each in applied] == [0, 1, 2, 3, 4]
+
+
+def test_a_stuck_actuator_goes_to_its_value() -> None:
+    faults = VehicleFaults(1, FaultPlan([ActuatorStuck(at_s=0.0, vehicle=1, actuator="torque_rl", value=600.0)]))
+    assert faults.on_actuators(0, Applied(0.1, 1.0, 2.0, 3.0, 4.0)) == Applied(0.1, 1.0, 600.0, 3.0, 4.0)
+
+
+def test_another_vehicles_actuators_are_as_they_are() -> None:
+    faults = VehicleFaults(2, FaultPlan([ActuatorStuck(at_s=0.0, vehicle=1, actuator="steering", value=0.3)]))
+    assert faults.on_actuators(0, Applied(0.1)) == Applied(0.1)
+
+
+@pytest.mark.parametrize(("axle", "changed"), [("front", "lambda_f"), ("rear", "lambda_r")])
+def test_an_axle_loses_cornering_stiffness(axle: str, changed: str) -> None:
+    faults = VehicleFaults(1, FaultPlan([TyreBlowout(at_s=0.01, vehicle=1, axle=axle, lambda_level=-0.5)]))
+    acting = {"lambda_f": 0.1, "lambda_r": 0.2, "mu": 0.8}
+    assert faults.on_inputs(0, acting) == acting
+    assert faults.on_inputs(1, acting) == acting | {changed: -0.5}
+
+
+@pytest.mark.parametrize(("vehicle", "is_on_ice"), [(1, True), (2, False), (None, True)])
+def test_ice_is_under_one_vehicle_or_under_all(vehicle: int | None, is_on_ice: bool) -> None:
+    faults = VehicleFaults(1, FaultPlan([IcePatch(at_s=0.0, vehicle=vehicle, mu=0.1)]))
+    assert faults.on_inputs(0, {"mu": 0.8}) == {"mu": 0.1 if is_on_ice else 0.8}
+
+
+def test_of_two_faults_of_the_same_kind_the_later_holds() -> None:
+    faults = VehicleFaults(1, FaultPlan([IcePatch(at_s=0.0, mu=0.1), IcePatch(at_s=0.0, mu=0.3)]))
+    assert faults.on_inputs(0, {"mu": 0.8}) == {"mu": 0.3}
