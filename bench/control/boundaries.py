@@ -6,23 +6,18 @@ acceleration is limited by l_r and braking by l_f.
 """
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
-
-Vector = NDArray[np.float64]
 
 YAW_SHARE = 0.85
 """Share of the adhesion that lateral acceleration may use, (29)."""
 
 
-@dataclass(frozen=True)
-class Boundaries:
+class Boundaries(NamedTuple):
     """The boundaries of one vehicle on one road.
 
     Attributes:
@@ -45,21 +40,6 @@ class Boundaries:
     speed_min: float
     speed_max: float
 
-    def as_vector(self) -> Vector:
-        """The numbers in the order of the attributes, for the compiled functions."""
-        return np.array(
-            [
-                self.mu_g,
-                self.lift_front,
-                self.lift_rear,
-                self.share,
-                self.acceleration_max,
-                self.yaw_acceleration_max,
-                self.speed_min,
-                self.speed_max,
-            ]
-        )
-
 
 def boundaries(
     vehicle: VehicleParameters,
@@ -71,15 +51,16 @@ def boundaries(
     speed_max: float,
 ) -> Boundaries:
     """The boundaries of a vehicle on a road of adhesion `mu`."""
+    # A whole number would have the compiled functions compiled once more.
     return Boundaries(
-        mu * vehicle.g,
-        vehicle.g * vehicle.l_r / vehicle.h,
-        vehicle.g * vehicle.l_f / vehicle.h,
-        share,
-        acceleration_max,
-        yaw_acceleration_max,
-        speed_min,
-        speed_max,
+        mu_g=mu * vehicle.g,
+        lift_front=vehicle.g * vehicle.l_r / vehicle.h,
+        lift_rear=vehicle.g * vehicle.l_f / vehicle.h,
+        share=float(share),
+        acceleration_max=float(acceleration_max),
+        yaw_acceleration_max=float(yaw_acceleration_max),
+        speed_min=float(speed_min),
+        speed_max=float(speed_max),
     )
 
 
@@ -90,22 +71,22 @@ def yaw_rate_max(v_x: float, mu_g: float) -> float:
 
 
 @njit(cache=True)
-def largest_acceleration(gamma: float, v: float, limits: Vector) -> float:
+def largest_acceleration(gamma: float, v: float, limits: Boundaries) -> float:
     """The largest |a_x| (m/s^2) beside a lateral acceleration gamma v: friction circle and what is asked for."""
-    allowed = limits[3] * limits[0]
+    allowed = limits.share * limits.mu_g
     lateral = gamma * v
-    return float(min(math.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits[4]))
+    return float(min(math.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits.acceleration_max))
 
 
 @njit(cache=True)
-def speed_reach(v: float, accelerating: bool, step_s: float, limits: Vector) -> float:
+def speed_reach(v: float, accelerating: bool, step_s: float, limits: Boundaries) -> float:
     """V_k (m/s) of (35) with the printed l_f corrected: the furthest speed one step can reach."""
-    return float(v + limits[1] * step_s if accelerating else v - limits[2] * step_s)
+    return float(v + limits.lift_front * step_s if accelerating else v - limits.lift_rear * step_s)
 
 
 @njit(cache=True)
 def admissible(
-    v: float, gamma: float, v_rate: float, gamma_rate: float, step_s: float, limits: Vector
+    v: float, gamma: float, v_rate: float, gamma_rate: float, step_s: float, limits: Boundaries
 ) -> tuple[float, float, Limit]:
     """The next reference (m/s, rad/s), brought inside the boundaries, and the `Limit` that bound most.
 
@@ -115,23 +96,26 @@ def admissible(
         v_rate: dv/dt asked for, m/s^2.
         gamma_rate: dgamma/dt asked for, rad/s^2.
         step_s: T, s.
-        limits: (8,) `Boundaries.as_vector()`.
+        limits: the boundaries.
     """
     bound = Limit.NONE
-    a_max = limits[4]
+    a_max = limits.acceleration_max
     if abs(v_rate) > a_max:
         v_rate = a_max if v_rate > 0.0 else -a_max
         bound = Limit.ACCELERATION
-    lowest, highest = -min(limits[2], limits[0]) * limits[3], min(limits[1], limits[0]) * limits[3]
+    lowest, highest = (
+        -min(limits.lift_rear, limits.mu_g) * limits.share,
+        min(limits.lift_front, limits.mu_g) * limits.share,
+    )
     if v_rate < lowest or v_rate > highest:
         v_rate = min(max(v_rate, lowest), highest)
         bound = Limit.ACCELERATION
 
-    swing = limits[5]
+    swing = limits.yaw_acceleration_max
     gamma_next = gamma + step_s * min(max(gamma_rate, -swing), swing)
     # The boundary at the fastest speed this step can end with, so that it holds there too.
-    v_fast = max(v, v + step_s * v_rate, limits[6])
-    gamma_max = limits[3] * yaw_rate_max(v_fast, limits[0])
+    v_fast = max(v, v + step_s * v_rate, limits.speed_min)
+    gamma_max = limits.share * yaw_rate_max(v_fast, limits.mu_g)
     if abs(gamma_next) > gamma_max:
         gamma_next = gamma_max if gamma_next > 0.0 else -gamma_max
         bound = Limit.YAW_RATE
@@ -142,7 +126,7 @@ def admissible(
         if bound != Limit.YAW_RATE:
             bound = Limit.FRICTION_CIRCLE
     v_next = v + step_s * v_rate
-    if v_next < limits[6] or v_next > limits[7]:
-        v_next = min(max(v_next, limits[6]), limits[7])
+    if v_next < limits.speed_min or v_next > limits.speed_max:
+        v_next = min(max(v_next, limits.speed_min), limits.speed_max)
         bound = Limit.SPEED
     return v_next, gamma_next, bound

@@ -5,6 +5,7 @@ genetic search evaluates it thousands of times an interval.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +16,25 @@ Matrix = NDArray[np.float64]
 
 GAINS = ("Ga", "Gb", "p11", "p12", "p21", "p22")
 """The order of Lambda, the vector of gains that is optimised."""
+
+GA, GB, P11, P12, P21, P22 = range(len(GAINS))
+"""The places of the gains in Lambda."""
+
+
+class Field(NamedTuple):
+    """The constants of the flocking law.
+
+    Attributes:
+        eps: of the sigma-norm.
+        distance: d, at which two agents feel no force (m).
+        reach: r, beyond which they are no neighbours (m).
+        flat: G_h of the bump function.
+    """
+
+    eps: float
+    distance: float
+    reach: float
+    flat: float
 
 
 @njit(cache=True)
@@ -49,10 +69,7 @@ def acceleration(
     q_hat: Vector,
     p_hat: Vector,
     gains: Vector,
-    eps: float,
-    distance: float,
-    reach: float,
-    flat: float,
+    field: Field,
 ) -> tuple[float, float]:
     """The commanded acceleration u_i (m/s^2, m/s^2) of one agent, (9)-(10) with the gains of (33).
 
@@ -64,23 +81,21 @@ def acceleration(
         q_hat: (2,) navigation target.
         p_hat: (2,) its velocity.
         gains: (6,) Lambda in the order of `GAINS`.
-        eps: of the sigma-norm.
-        distance: d, at which two agents feel no force (m).
-        reach: r, beyond which they are no neighbours (m).
-        flat: G_h of the bump function.
+        field: constants of the law.
     """
-    u_x = -gains[2] * (q[0] - q_hat[0]) - gains[4] * (p[0] - p_hat[0])
-    u_y = -gains[3] * (q[1] - q_hat[1]) - gains[5] * (p[1] - p_hat[1])
-    r_a = sigma_norm(reach, eps)
-    d_a = sigma_norm(distance, eps)
+    eps = field.eps
+    u_x = -gains[P11] * (q[0] - q_hat[0]) - gains[P21] * (p[0] - p_hat[0])
+    u_y = -gains[P12] * (q[1] - q_hat[1]) - gains[P22] * (p[1] - p_hat[1])
+    r_a = sigma_norm(field.reach, eps)
+    d_a = sigma_norm(field.distance, eps)
     for j in range(peers_q.shape[0]):
         x, y = peers_q[j, 0] - q[0], peers_q[j, 1] - q[1]
         apart = math.sqrt(x * x + y * y)
-        if apart >= reach:
+        if apart >= field.reach:
             continue
         z = sigma_norm(apart, eps)
-        near = bump(z / r_a, flat)
-        force = near * action(z - d_a, gains[0], gains[1]) / math.sqrt(1.0 + eps * apart * apart)
+        near = bump(z / r_a, field.flat)
+        force = near * action(z - d_a, gains[GA], gains[GB]) / math.sqrt(1.0 + eps * apart * apart)
         u_x += force * x + near * (peers_p[j, 0] - p[0])
         u_y += force * y + near * (peers_p[j, 1] - p[1])
     return u_x, u_y

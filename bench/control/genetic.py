@@ -6,50 +6,90 @@ positive yaw only. Here |gamma| is used, and the reward for using the boundaries
 is there to remove, so that what is optimised is the trade-off the paper describes: formed fast, inside the boundaries.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from bench.control.boundaries import admissible, speed_reach, yaw_rate_max
-from bench.control.flocking import acceleration
+from bench.control.boundaries import Boundaries, admissible, speed_reach, yaw_rate_max
+from bench.control.flocking import GA, GB, Field, acceleration
 from bench.control.near_identity import input_rates, point, velocity
+from bench.control.settings import CostWeights
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-@njit(cache=True)
-def rollout_cost(
-    gains: Vector,
-    state: Vector,
-    target: Vector,
-    platoon_speed: float,
-    peers_q: Matrix,
-    peers_p: Matrix,
-    field: Vector,
-    limits: Vector,
-    length: float,
-    weights: Vector,
-    steps: int,
-    step_s: float,
-) -> float:
-    """J_1 of one candidate, mean over the horizon.
+class Situation(NamedTuple):
+    """A vehicle, its slot and the others as an interval begins.
 
-    Args:
-        gains: (6,) Lambda.
-        state: (5,) X, Y (m), theta (rad), reference v (m/s) and gamma (rad/s).
-        target: (2,) slot of this vehicle now (m); it moves at the platoon's speed.
+    Attributes:
+        X: own position along the road (m).
+        Y: own position to the left (m).
+        theta: own course (rad).
+        v: reference speed (m/s).
+        gamma: reference yaw rate (rad/s).
+        target: (2,) slot of this vehicle (m); it moves at the platoon's speed.
         platoon_speed: m/s.
-        peers_q: (n, 2) points of the others now (m).
+        peers_q: (n, 2) points of the others (m).
         peers_p: (n, 2) their velocities (m/s).
-        field: (4,) eps, d, r, G_h of the flocking law.
-        limits: (8,) of `Boundaries.as_vector`.
+    """
+
+    X: float
+    Y: float
+    theta: float
+    v: float
+    gamma: float
+    target: Vector
+    platoon_speed: float
+    peers_q: Matrix
+    peers_p: Matrix
+
+
+class Rollout(NamedTuple):
+    """The planning model that each candidate is rolled out with, and the cost that it is judged by.
+
+    Attributes:
+        field: of the flocking law.
+        limits: the boundaries.
         length: near-identity length l (m).
-        weights: (5,) of `GeneticSettings.weights` (see `settings`).
+        weights: of the cost.
         steps: N_t.
         step_s: s.
     """
-    X, Y, theta, v, gamma = state[0], state[1], state[2], state[3], state[4]
+
+    field: Field
+    limits: Boundaries
+    length: float
+    weights: CostWeights
+    steps: int
+    step_s: float
+
+
+class Breeding(NamedTuple):
+    """How candidates are bred.
+
+    Attributes:
+        lower: (6,) lower bounds of Lambda.
+        upper: (6,) upper bounds.
+        population: candidates.
+        generations: how often they are bred.
+        mutation: standard deviation of a mutation as a share of the range.
+    """
+
+    lower: Vector
+    upper: Vector
+    population: int
+    generations: int
+    mutation: float
+
+
+@njit(cache=True)
+def rollout_cost(gains: Vector, situation: Situation, rollout: Rollout) -> float:
+    """J_1 of one candidate Lambda (6,), mean over the horizon."""
+    X, Y, theta, v, gamma, target, platoon_speed, peers_q, peers_p = situation
+    field, limits, length, weights, steps, step_s = rollout
     others = peers_q.copy()
     q, p, q_hat = np.empty(2), np.empty(2), np.empty(2)
     p_hat = np.array([platoon_speed, 0.0])
@@ -62,14 +102,14 @@ def rollout_cost(
         q_hat[1] = target[1]
         q[0], q[1] = point(X, Y, theta, length)
         p[0], p[1] = velocity(theta, v, gamma, length)
-        u_x, u_y = acceleration(q, p, others, peers_p, q_hat, p_hat, gains, field[0], field[1], field[2], field[3])
+        u_x, u_y = acceleration(q, p, others, peers_p, q_hat, p_hat, gains, field)
         v_before = v
         for _ in range(parts):
             v_rate, gamma_rate = input_rates(theta, v, gamma, length, u_x, u_y)
-            gamma_max = yaw_rate_max(v, limits[0])
+            gamma_max = yaw_rate_max(v, limits.mu_g)
             over = abs(gamma + part_s * gamma_rate) - gamma_max
             if over > 0.0:
-                cost += weights[4] * over * over / parts
+                cost += weights.boundary * over * over / parts
             v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, part_s, limits)
             X += part_s * v * np.cos(theta)
             Y += part_s * v * np.sin(theta)
@@ -79,34 +119,17 @@ def rollout_cost(
             others[j, 1] += step_s * peers_p[j, 1]
         reach = speed_reach(v_before, v >= v_before, step_s, limits)
         unused_speed = v - reach
-        unused_yaw = abs(gamma) - yaw_rate_max(v, limits[0])
+        unused_yaw = abs(gamma) - yaw_rate_max(v, limits.mu_g)
         e_x, e_y = q[0] - q_hat[0], q[1] - q_hat[1]
         w_x, w_y = p[0] - p_hat[0], p[1]
-        cost += weights[0] * (e_x * e_x + e_y * e_y) + weights[1] * (w_x * w_x + w_y * w_y)
-        cost += weights[2] * unused_speed * unused_speed + weights[3] * unused_yaw * unused_yaw
+        cost += weights.position * (e_x * e_x + e_y * e_y) + weights.velocity * (w_x * w_x + w_y * w_y)
+        cost += weights.speed * unused_speed * unused_speed + weights.yaw * unused_yaw * unused_yaw
     return cost / steps
 
 
 @njit(cache=True)
 def search(
-    start: Vector,
-    lower: Vector,
-    upper: Vector,
-    population: int,
-    generations: int,
-    mutation: float,
-    seed: int,
-    state: Vector,
-    target: Vector,
-    platoon_speed: float,
-    peers_q: Matrix,
-    peers_p: Matrix,
-    field: Vector,
-    limits: Vector,
-    length: float,
-    weights: Vector,
-    steps: int,
-    step_s: float,
+    start: Vector, seed: int, breeding: Breeding, situation: Situation, rollout: Rollout
 ) -> tuple[Vector, float]:
     """The best Lambda found (6,) and its cost; the same arguments give the same answer.
 
@@ -115,24 +138,12 @@ def search(
 
     Args:
         start: (6,) gains of the last interval.
-        lower: (6,) bounds.
-        upper: (6,) bounds.
-        population: candidates.
-        generations: how often they are bred.
-        mutation: standard deviation of a mutation as a share of the range.
         seed: of the random numbers.
-        state: as in `rollout_cost`, like all that follow.
-        target: slot.
-        platoon_speed: m/s.
-        peers_q: the others' points.
-        peers_p: their velocities.
-        field: of the flocking law.
-        limits: the boundaries.
-        length: near-identity length.
-        weights: of the cost.
-        steps: of the rollout.
-        step_s: s.
+        breeding: how candidates are bred.
+        situation: what they are rolled out from.
+        rollout: with which model, and what it costs.
     """
+    lower, upper, population, generations, mutation = breeding
     np.random.seed(seed)
     n = start.size
     span = upper - lower
@@ -140,12 +151,10 @@ def search(
     for i in range(population):
         for g in range(n):
             pool[i, g] = start[g] if i == 0 else lower[g] + span[g] * np.random.random()
-        pool[i, 1] = max(pool[i, 0], pool[i, 1])
+        pool[i, GB] = max(pool[i, GA], pool[i, GB])
     costs = np.empty(population)
     for i in range(population):
-        costs[i] = rollout_cost(
-            pool[i], state, target, platoon_speed, peers_q, peers_p, field, limits, length, weights, steps, step_s
-        )
+        costs[i] = rollout_cost(pool[i], situation, rollout)
     for _ in range(generations):
         order = np.argsort(costs)
         bred = np.empty((population, n))
@@ -163,10 +172,8 @@ def search(
                 value = share * pool[mother, g] + (1.0 - share) * pool[father, g]
                 value += mutation * span[g] * np.random.normal()
                 bred[i, g] = min(max(value, lower[g]), upper[g])
-            bred[i, 1] = max(bred[i, 0], bred[i, 1])
-            bred_costs[i] = rollout_cost(
-                bred[i], state, target, platoon_speed, peers_q, peers_p, field, limits, length, weights, steps, step_s
-            )
+            bred[i, GB] = max(bred[i, GA], bred[i, GB])
+            bred_costs[i] = rollout_cost(bred[i], situation, rollout)
         pool, costs = bred, bred_costs
     best = np.argmin(costs)
     return pool[best].copy(), costs[best]

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.boundaries import admissible, boundaries, yaw_rate_max
-from bench.control.flocking import acceleration
-from bench.control.genetic import search
+from bench.control.flocking import GA, GB, Field, acceleration
+from bench.control.genetic import Breeding, Rollout, Situation, search
 from bench.control.near_identity import input_rates, point, velocity
 from bench.control.outcome import Limit
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
@@ -163,15 +163,30 @@ class Planner:
             settings.yaw_acceleration_max_radps2,
             settings.speed_min_mps,
             settings.speed_max_mps,
-        ).as_vector()
-        self._emergency_limits = self._limits.copy()
-        self._emergency_limits[4] = max(settings.emergency_braking_mps2, settings.acceleration_max_mps2)
-        self._field = np.array([settings.sigma_eps, goal.gap, settings.reach_factor * goal.gap, settings.bump_flat])
-        self._lower, self._upper = settings.genetic.bounds()
-        self._weights = settings.genetic.weights()
-        self._best: Vector = 0.5 * (self._lower + self._upper)
+        )
+        self._emergency_limits = self._limits._replace(
+            acceleration_max=max(float(settings.emergency_braking_mps2), self._limits.acceleration_max)
+        )
+        self._field = Field(
+            eps=float(settings.sigma_eps),
+            distance=float(goal.gap),
+            reach=float(settings.reach_factor * goal.gap),
+            flat=float(settings.bump_flat),
+        )
+        genetic = settings.genetic
+        lower, upper = genetic.bounds()
+        self._breeding = Breeding(lower, upper, genetic.population, genetic.generations, float(genetic.mutation))
+        self._rollout = Rollout(
+            self._field,
+            self._limits,
+            float(self._length),
+            genetic.weights(),
+            genetic.horizon_steps,
+            float(genetic.horizon_step_s),
+        )
+        self._best: Vector = 0.5 * (lower + upper)
         # The flocking law holds for Gb >= Ga only, which the middle of the bounds need not have.
-        self._best[1] = max(self._best[0], self._best[1])
+        self._best[GB] = max(self._best[GA], self._best[GB])
         self._gains = self._best
         self._cost = 0.0
         self._reference: tuple[float, float] | None = None
@@ -264,20 +279,20 @@ class Planner:
         p = np.array(velocity(own.course, v, gamma, self._length))
         q_hat = target + np.array([self._length, 0.0])
         p_hat = np.array([self._goal.speed, 0.0])
-        u_x, u_y = acceleration(q, p, peers_q, peers_p, q_hat, p_hat, self._gains, *self._field)
+        u_x, u_y = acceleration(q, p, peers_q, peers_p, q_hat, p_hat, self._gains, self._field)
         v_rate, gamma_rate = input_rates(own.course, v, gamma, self._length, u_x, u_y)
         limits = self._limits
         if braking is not None:
             v_rate, limits = -braking, self._emergency_limits
         v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
         self._reference = (v, gamma)
-        near = int((np.hypot(*(peers_q - q).T) < self._field[2]).sum())
+        near = int((np.hypot(*(peers_q - q).T) < self._field.reach).sum())
         return self._output(v, gamma, bound, target, near, leader_x, optimise_s)
 
     def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
         """The reference to go on from: the last one, where the vehicle has followed it; else the own motion."""
         expected, self._cycle = self._cycle, cycle + 1
-        lowest, highest = self._limits[6], self._limits[7]
+        lowest, highest = self._limits.speed_min, self._limits.speed_max
         if self._reference is None:
             self._reference = (min(max(v_x, lowest), highest), 0.0)
         elif expected is not None and cycle - expected >= RESUMED_CYCLES:
@@ -323,28 +338,9 @@ class Planner:
         peers_q: NDArray[np.float64],
         peers_p: NDArray[np.float64],
     ) -> None:
-        g = self.settings.genetic
+        situation = Situation(own.X, own.Y, own.course, v, gamma, target, float(self._goal.speed), peers_q, peers_p)
         seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1)[0])
-        self._best, self._cost = search(
-            self._best,
-            self._lower,
-            self._upper,
-            g.population,
-            g.generations,
-            g.mutation,
-            seed,
-            np.array([own.X, own.Y, own.course, v, gamma]),
-            target,
-            self._goal.speed,
-            peers_q,
-            peers_p,
-            self._field,
-            self._limits,
-            self._length,
-            self._weights,
-            g.horizon_steps,
-            g.horizon_step_s,
-        )
+        self._best, self._cost = search(self._best, seed, self._breeding, situation, self._rollout)
         self._gains = self._gains + self.settings.gain_share * (self._best - self._gains)
 
     def _output(
@@ -357,7 +353,7 @@ class Planner:
         leader_x: float,
         optimise_s: float,
     ) -> PlannerOutput:
-        margin = 1.0 - abs(gamma) / yaw_rate_max(v, self._limits[0])
+        margin = 1.0 - abs(gamma) / yaw_rate_max(v, self._limits.mu_g)
         slot = 0 if self._slot is None else self._slot + 1
         return PlannerOutput(
             v, gamma, limit, margin, slot, target, neighbours, self._gains, self._cost, leader_x, optimise_s

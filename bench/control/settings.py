@@ -4,7 +4,7 @@ By themselves, so that reading a scenario need not load the controllers, which t
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -15,6 +15,16 @@ Vector = NDArray[np.float64]
 Unit = Annotated[float, Ge(1e-3), Le(1e5)]
 Weight = Annotated[float, Ge(0), Le(1e6)]
 Pair = tuple[Annotated[float, Ge(1e-3), Le(20)], Annotated[float, Ge(1e-3), Le(20)]]
+
+
+class CostWeights(NamedTuple):
+    """The weights of a candidate's cost; see `GeneticSettings`, where each is `<name>_weight`."""
+
+    position: float
+    velocity: float
+    speed: float
+    yaw: float
+    boundary: float
 
 
 @dataclass(frozen=True)
@@ -77,11 +87,9 @@ class GeneticSettings:
         pairs = np.array([self.ga, self.gb, self.p11, self.p12, self.p21, self.p22], dtype=np.float64)
         return pairs[:, 0].copy(), pairs[:, 1].copy()
 
-    def weights(self) -> Vector:
-        """The cost weights (5,) for the compiled rollout."""
-        return np.array(
-            [self.position_weight, self.velocity_weight, self.speed_weight, self.yaw_weight, self.boundary_weight]
-        )
+    def weights(self) -> CostWeights:
+        """The weights of the cost, for the compiled rollout."""
+        return CostWeights(*(float(getattr(self, f"{name}_weight")) for name in CostWeights._fields))
 
 
 @dataclass(frozen=True)

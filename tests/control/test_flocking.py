@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.flocking import acceleration, action, bump, sigma_norm
+from bench.control.flocking import Field, acceleration, action, bump, sigma_norm
 
 EPS = 0.1
 D = 10.0
@@ -34,7 +34,7 @@ def law(
     reach: float = R,
     flat: float = FLAT,
 ) -> np.ndarray:
-    return np.array(acceleration(q, p, peers_q, peers_p, q_hat, p_hat, lam, EPS, D, reach, flat))
+    return np.array(acceleration(q, p, peers_q, peers_p, q_hat, p_hat, lam, Field(EPS, D, reach, flat)))
 
 
 def printed(

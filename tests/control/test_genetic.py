@@ -11,16 +11,16 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from bench.control.boundaries import admissible, boundaries
-from bench.control.flocking import acceleration
-from bench.control.genetic import rollout_cost, search
+from bench.control.flocking import GA, GB, Field, acceleration
+from bench.control.genetic import Breeding, Rollout, Situation, rollout_cost, search
 from bench.control.near_identity import input_rates
-from bench.control.settings import GeneticSettings
+from bench.control.settings import CostWeights, GeneticSettings
 from platoon_fmu.parameters import VehicleParameters
 
 LENGTH = 0.9
 SPEED = 20.0
 LIMITS = boundaries(VehicleParameters(), 0.8, 0.7, 3.0, 1.5, 5.0, 45.0)
-FIELD = np.array([0.1, 10.0, 12.0, 0.2])
+FIELD = Field(eps=0.1, distance=10.0, reach=12.0, flat=0.2)
 STATE = np.array([1.0, 0.5, 0.05, 18.0, 0.02])
 TARGET = np.array([4.0, 3.5])
 PEERS_Q = np.array([[9.0, 3.0], [-8.0, 0.0]])
@@ -28,55 +28,40 @@ PEERS_P = np.array([[21.0, 0.3], [19.0, -0.2]])
 GAINS = np.array([1.0, 2.0, 0.8, 1.1, 1.9, 2.3])
 
 only = {
-    "position": np.array([1.0, 0.0, 0.0, 0.0, 0.0]),
-    "velocity": np.array([0.0, 1.0, 0.0, 0.0, 0.0]),
-    "speed": np.array([0.0, 0.0, 1.0, 0.0, 0.0]),
-    "yaw": np.array([0.0, 0.0, 0.0, 1.0, 0.0]),
-    "boundary": np.array([0.0, 0.0, 0.0, 0.0, 1.0]),
+    term: CostWeights(**{name: float(name == term) for name in CostWeights._fields}) for term in CostWeights._fields
 }
+"""For each term of the cost, the weights that leave it alone."""
 
 
-def cost(gains: np.ndarray = GAINS, **changes: Any) -> float:
-    """The compiled cost at one point, with some of its arguments changed."""
-    arguments = {
-        "state": STATE,
-        "target": TARGET,
-        "platoon_speed": SPEED,
-        "peers_q": PEERS_Q,
-        "peers_p": PEERS_P,
-        "field": FIELD,
-        "limits": LIMITS.as_vector(),
-        "length": LENGTH,
-        "weights": GeneticSettings().weights(),
-        "steps": 25,
-        "step_s": 0.04,
-    } | changes
-    return float(rollout_cost(gains, *arguments.values()))
+def situation(state: np.ndarray, peers_q: np.ndarray = PEERS_Q, peers_p: np.ndarray = PEERS_P) -> Situation:
+    X, Y, theta, v, gamma = state.tolist()
+    return Situation(X, Y, theta, v, gamma, TARGET, SPEED, peers_q, peers_p)
+
+
+def rollout(chosen: GeneticSettings) -> Rollout:
+    return Rollout(FIELD, LIMITS, LENGTH, chosen.weights(), chosen.horizon_steps, chosen.horizon_step_s)
+
+
+def cost(
+    gains: np.ndarray = GAINS,
+    state: np.ndarray = STATE,
+    peers_q: np.ndarray = PEERS_Q,
+    peers_p: np.ndarray = PEERS_P,
+    weights: CostWeights | None = None,
+) -> float:
+    """The compiled cost at one point."""
+    judged = rollout(GeneticSettings())
+    if weights is not None:
+        judged = judged._replace(weights=weights)
+    return float(rollout_cost(gains, situation(state, peers_q, peers_p), judged))
 
 
 def find(chosen: GeneticSettings, seed: int, start: np.ndarray | None = None) -> tuple[np.ndarray, float]:
     """A search at the same point."""
     lower, upper = chosen.bounds()
-    return search(
-        0.5 * (lower + upper) if start is None else start,
-        lower,
-        upper,
-        chosen.population,
-        chosen.generations,
-        chosen.mutation,
-        seed,
-        STATE,
-        TARGET,
-        SPEED,
-        PEERS_Q,
-        PEERS_P,
-        FIELD,
-        LIMITS.as_vector(),
-        LENGTH,
-        chosen.weights(),
-        chosen.horizon_steps,
-        chosen.horizon_step_s,
-    )
+    breeding = Breeding(lower, upper, chosen.population, chosen.generations, chosen.mutation)
+    first = 0.5 * (lower + upper) if start is None else start
+    return search(first, seed, breeding, situation(STATE), rollout(chosen))
 
 
 def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[np.ndarray, float]]:
@@ -98,14 +83,14 @@ def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[n
             TARGET + np.array([SPEED * k * step_s + LENGTH, 0.0]),
             np.array([SPEED, 0.0]),
             GAINS,
-            *FIELD,
+            FIELD,
         )
         too_much = 0.0
         for _ in range(parts):
             dt = step_s / parts
             v_rate, gamma_rate = input_rates(theta, v, gamma, LENGTH, *u)
             too_much += max(abs(gamma + dt * gamma_rate) - 0.85 * 7.84 / v, 0.0) ** 2 / parts
-            v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, LIMITS.as_vector())
+            v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, LIMITS)
             X, Y = X + dt * v * math.cos(theta), Y + dt * v * math.sin(theta)
             theta += dt * gamma
         motion.append((np.array([X, Y, theta, v, gamma]), too_much))
@@ -153,14 +138,14 @@ def test_boundary_term_is_met_at_these_points() -> None:
 
 def test_cost_is_the_weighted_sum_of_its_terms() -> None:
     weights = GeneticSettings().weights()
-    total = sum(w * cost(weights=only[term]) for w, term in zip(weights, only, strict=True))
+    total = sum(w * cost(weights=only[term]) for w, term in zip(weights, weights._fields, strict=True))
     assert cost() == pytest.approx(total, rel=1e-12)
 
 
 def test_formed_platoon_has_no_formation_error() -> None:
     state = np.array([4.0, 3.5, 0.0, SPEED, 0.0])
     nobody = np.zeros((0, 2))
-    weights = only["position"] + only["velocity"]
+    weights = only["position"]._replace(velocity=1.0)
     assert cost(state=state, peers_q=nobody, peers_p=nobody, weights=weights) == pytest.approx(0.0, abs=1e-18)
 
 
@@ -193,13 +178,13 @@ def test_answer_is_never_worse_than_the_start_and_inside_the_bounds(
     chosen = GeneticSettings(population=population, generations=generations)
     lower, upper = chosen.bounds()
     start = lower + place * (upper - lower)
-    start[1] = max(start[0], start[1])
+    start[GB] = max(start[GA], start[GB])
     gains, found = find(chosen, seed, start)
     assert found <= cost(start)
     assert found == pytest.approx(cost(gains), rel=1e-12)
     assert (gains >= lower).all()
     assert (gains <= upper).all()
-    assert gains[1] >= gains[0]
+    assert gains[GB] >= gains[GA]
 
 
 def test_search_finds_better_gains_than_the_middle() -> None:
@@ -252,4 +237,4 @@ def test_bounds_and_weights_come_in_the_documented_order() -> None:
     lower, upper = chosen.bounds()
     assert lower.tolist() == [1, 3, 5, 7, 9, 11]
     assert upper.tolist() == [2, 4, 6, 8, 10, 12]
-    assert chosen.weights().tolist() == [1, 2, 3, 4, 5]
+    assert chosen.weights() == CostWeights(position=1, velocity=2, speed=3, yaw=4, boundary=5)
