@@ -14,7 +14,8 @@ from bench.bus.reception import Reception, ReceptionState
 from bench.bus.states import BenchCommand
 from bench.bus.topic import Signals, Topic
 from bench.errors import BadInput
-from bench.faults.kinds import BusOff, Fault, V2VOutage
+from bench.faults.base import Fault
+from bench.faults.nodes import BusOff, V2VOutage
 from bench.faults.plan import FaultPlan
 
 MOTION = Topic("veh1", "VehicleMotion")

@@ -147,6 +147,16 @@ def test_without_motion_and_attitude_the_wheels_tell_the_yaw_rate() -> None:
     assert trial.worst("v_x") <= 0.01
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.6, -2.0])
+def test_from_a_known_start_the_first_cycle_finds_the_vehicle_there_without_any_sensor(yaw: float) -> None:
+    own = OwnMotion(VehicleParameters())
+    own.start_from(40.0, 3.5, yaw, 15.0)
+    state = own.update(None, None, None, None, None)
+    assert state is not None
+    assert (state.x, state.y, state.yaw) == pytest.approx((40.0, 3.5, yaw), abs=1e-9)
+    assert (state.v_x, state.v_y, state.yaw_rate) == (15.0, 0.0, 0.0)
+
+
 def test_before_the_first_whole_pose_the_own_motion_is_unknown() -> None:
     own, frames = OwnMotion(VehicleParameters()), Drive().frames()
     for missing in ("VehiclePosition", "VehicleAttitude"):

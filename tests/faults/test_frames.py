@@ -17,7 +17,10 @@ from bench.faults.frames import (
 )
 from bench.faults.nodes import BusOff
 from bench.faults.plan import FaultPlan
+from bench.faults.vehicles import IcePatch
 from tests.faults.sending import CODEC, CODECS, CYCLES, START, absences, angles, names, on, sent
+
+TURNS = GilbertElliott(to_bad=1.0, to_good=1.0, loss_bad=1.0, loss_good=0.0)
 
 
 def test_a_lost_frame_is_announced_as_absent_in_virtual_time_only() -> None:
@@ -61,6 +64,34 @@ def test_losses_come_in_bursts() -> None:
     # A burst is 1 / to_good frames long, and a share to_bad / (to_bad + to_good) of all frames is lost.
     assert sum(lengths) / len(lengths) == pytest.approx(4.0, rel=0.2)
     assert sum(pattern) / len(pattern) == pytest.approx(0.1 / 0.35, rel=0.2)
+
+
+def test_the_dice_are_those_of_the_plan_for_this_fault_bus_message_and_cycle() -> None:
+    """So that whoever plans with the same seed knows what becomes of a frame."""
+    other = IcePatch(at_s=0.0)
+    loss, corrupt = FrameLoss(**on(probability=0.4)), FrameCorrupt(**on(probability=0.4))
+    lost = sent(other, loss, seed=3)
+    damaged = sent(other, corrupt, seed=3)
+    plan = FaultPlan([other, loss], 3)
+    befallen = [c for c in range(START, CYCLES) if plan.chance(1, "veh1", 0x300, c).random() < 0.4]
+    assert [c for c in range(START, CYCLES) if not angles(lost, c)] == befallen
+    assert [c for c in range(START, CYCLES) if absences(damaged, c)] == befallen
+    assert 0 < len(befallen) < CYCLES - START
+
+
+def test_every_message_has_its_own_bursts() -> None:
+    """Where each frame ends a burst or begins one, every second frame of every message is lost."""
+    came = sent(FrameLoss(**on(message=None, bursts=TURNS)))
+    both = ["SteeringCommand", "TorqueCommandFront"]
+    for cycle in range(START, CYCLES):
+        good = [name for name in names(came, cycle) if name != "BenchAbsent"]
+        assert good == ([] if (cycle - START) % 2 == 0 else both)
+
+
+def test_every_fault_has_its_own_bursts() -> None:
+    came = sent(*[FrameLoss(**on(bursts=TURNS))] * 2)
+    # The second is asked only of what the first lets through, which is every second frame.
+    assert [bool(angles(came, START + cycle)) for cycle in range(8)] == [False, False, False, True] * 2
 
 
 def test_a_delayed_frame_comes_whole_cycles_later() -> None:
@@ -135,6 +166,12 @@ def test_a_delayed_frame_that_comes_due_while_its_node_is_off_the_bus_is_lost() 
     came = sent(FrameDelay(**on(cycles=2, for_s=0.01)), off)
     assert START not in [angle for cycle in came for angle in angles(came, cycle)]
     assert absences(came, START) == [0x300]
+
+
+def test_reordered_frames_of_several_messages_stay_with_their_own() -> None:
+    came = sent(FrameReorder(**on(message=None)))
+    assert names(came, START + 1) == ["SteeringCommand"] * 2 + ["TorqueCommandFront"] * 2
+    assert angles(came, START + 1) == [START + 1, START]
 
 
 def test_the_second_of_a_pair_whose_first_was_lost_takes_its_place_too() -> None:
