@@ -14,6 +14,7 @@ from bench.analysis.series import MAX_POINTS, Pool, short
 from bench.record import Run
 from bench.record.compare import SignalDifference
 from bench.record.drawing import colour
+from bench.record.time_join import same_times
 
 MAX_SIGNALS = 24
 """So many signals are drawn at most, those that begin to differ first."""
@@ -39,7 +40,7 @@ def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[lis
             caption += f" {len(signals)} signals differ; the {MAX_SIGNALS} that begin first are drawn, "
             caption += "and platoon diff lists all."
         figures.append(_figure(signal, "", curves, caption))
-        _, rows_a, rows_b = np.intersect1d(np.rint(1e9 * of_a[0]), np.rint(1e9 * of_b[0]), return_indices=True)
+        rows_a, rows_b = same_times(of_a[0], of_b[0])
         difference = of_b[1][rows_b] - of_a[1][rows_a]
         curve = _curve(pool, signal, "B − A", of_a[0][rows_a], difference)
         figures.append(_figure(signal, ": B − A", [curve], ""))

@@ -14,13 +14,14 @@ import numpy as np
 from bench.analysis.boundary import margin, yaw_rate_max
 from bench.analysis.bus_load import BusLoad
 from bench.analysis.figure import Curve, Figure, Line
-from bench.analysis.motion import Array, rows_at
+from bench.analysis.motion import Array
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
 from bench.analysis.timing import histograms, timing
 from bench.bus.topic import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
+from bench.record.time_join import same_times
 
 NOTHING_YET = (0.0, 0.0)
 """The span of a run that has not begun: all its figures, their columns empty."""
@@ -356,7 +357,7 @@ class Figures:
         for bus in buses:
             t = self._truth.t
             values = np.where((t >= bus.t[0]) & (t <= bus.t[-1]), 0.0, np.nan)
-            rows, at = rows_at(bus.t, t)
+            rows, at = same_times(bus.t, t)
             values[at] = 100.0 * bus.load[rows]
             self._series.put(f"load.{bus.bus}", values, peak=True)
             vehicle = vehicle_of(bus.bus)

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.boundary import margin
-from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.analysis.motion import Array, Motion, motion, told
+from bench.analysis.step_times import percentiles, step_times_ms
 from bench.control.outcome import GainSource, SolverStatus
 from bench.cycle import CYCLE_S
 from bench.record import Run
+from bench.record.time_join import same_times
 
 GAP_BAND_M = 0.5
 SPEED_BAND_MPS = 0.2
 LATERAL_BAND_M = 0.2
 YAW_BAND_RAD = 0.01
-
-_MICROSECONDS_PER_MS = 1000.0
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ def compute(run: Run) -> Metrics:
         boundary_margin_min=float(margin(truth.gamma, truth.v_x, truth.mu).min()),
         speed_rmse_mps=[_rmse(run, vehicle, truth.t, values, "VelocityX") for vehicle, values in _each(truth.v_x)],
         yaw_rate_rmse_radps=[_rmse(run, vehicle, truth.t, values, "YawRate") for vehicle, values in _each(truth.gamma)],
-        solver_ms=_percentiles(run, "TrackerTiming", "SolveTime"),
-        tracker_ms=_percentiles(run, "TrackerTiming", "StepTime"),
-        planner_ms=_percentiles(run, "PlannerTiming", "StepTime"),
+        solver_ms=percentiles(step_times_ms(run, "TrackerTiming", "SolveTime")),
+        tracker_ms=percentiles(step_times_ms(run, "TrackerTiming", "StepTime")),
+        planner_ms=percentiles(step_times_ms(run, "PlannerTiming", "StepTime")),
         fallback_steps=fallback_steps(run),
         frames_lost=max(_last_sum(run, "FramesLost"), int(_number(run.result.get("frames_lost")) or 0)),
         e2e_errors=max(_last_sum(run, "E2EErrors"), int(_number(run.result.get("e2e_errors")) or 0)),
@@ -154,20 +154,8 @@ def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float 
     reference = told(run, vehicle, "TrackerReferenceState")
     if reference is None:
         return None
-    rows, at = rows_at(reference["t"], t)
+    rows, at = same_times(reference["t"], t)
     return float(np.sqrt(np.mean((truth[at] - reference[signal][rows]) ** 2))) if len(rows) else None
-
-
-def _percentiles(run: Run, message: str, signal: str) -> dict[str, float]:
-    """Return p50 and p99 in ms of a time in us over all vehicles, steps of no time left out; empty where none."""
-    buses = [f"veh{vehicle}" for vehicle in range(1, run.vehicles + 1)]
-    columns = [run.signal(bus, message, signal)[1] for bus in buses if run.has(bus, message)]
-    times = np.concatenate(columns) if columns else np.empty(0)
-    times = times[times > 0]
-    if not len(times):
-        return {}
-    p50, p99 = np.percentile(times, [50, 99]) / _MICROSECONDS_PER_MS
-    return {"p50": float(p50), "p99": float(p99)}
 
 
 def _last_sum(run: Run, signal: str) -> int:

@@ -12,6 +12,7 @@ from bench.bus.states import EcuState
 from bench.errors import BadInput
 from bench.record import Run
 from bench.record.reader import Columns
+from bench.record.time_join import same_times
 
 Array = npt.NDArray[np.float64]
 
@@ -60,8 +61,7 @@ def motion(run: Run) -> Motion:
         BadInput: the log has no truth of a vehicle, or nothing at a common time.
     """
     truths = [run.truth(vehicle) for vehicle in range(1, run.vehicles + 1)]
-    # Time in ns as whole numbers, so that equal times are equal.
-    stamps = [np.rint(truth["t"] * 1e9).astype(np.int64) for truth in truths]
+    stamps = [truth.time_ns for truth in truths]
     common = np.unique(stamps[0])
     for stamp in stamps[1:]:
         common = np.intersect1d(common, stamp)
@@ -110,12 +110,5 @@ def told(run: Run, vehicle: int, message: str) -> Columns | None:
     columns = run.message(bus, message)
     if message in _OF_TRACKER and run.has(bus, "TrackerStatus"):
         status = run.message(bus, "TrackerStatus")
-        columns = columns.select(rows_at(columns["t"], status["t"][status["State"] != EcuState.INIT])[0])
+        columns = columns.select(same_times(columns["t"], status["t"][status["State"] != EcuState.INIT])[0])
     return columns if len(columns["t"]) else None
-
-
-def rows_at(times: Array, t: Array) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rows of `times` (m,) s and of `t` (n,) s that are of the same time."""
-    left, right = (np.rint(values * 1e9).astype(np.int64) for values in (times, t))
-    _, rows, at = np.intersect1d(left, right, return_indices=True)
-    return rows.astype(np.int64), at.astype(np.int64)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.analysis.metrics import Metrics
+from bench.analysis.step_times import median_and_p99
 from bench.scenario import Scenario
 
 LEAST_DISTANCE_M = 4.0
@@ -64,7 +65,7 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         ),
         Row("Speed error, RMS", _list(metrics.speed_rmse_mps, 4, "m/s")),
         Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
-        Row("Solver, median / p99", _percentiles(metrics.solver_ms)),
+        Row("Solver, median / p99", median_and_p99(metrics.solver_ms)),
         _times("Tracker step, median / p99", metrics.tracker_ms, *TRACKER_MS),
         _times("Planner step, median / p99", metrics.planner_ms, PLANNER_MS, None),
         Row("Steps with a fallback gain", str(metrics.fallback_steps)),
@@ -99,11 +100,7 @@ def _times(name: str, values: dict[str, float], median: float, p99: float | None
         return Row(name, "")
     met = values["p50"] <= median and (p99 is None or values["p99"] <= p99)
     asked = f"at most {median:g}" + (f" / {p99:g} ms" if p99 is not None else " ms median")
-    return Row(name, _percentiles(values), asked, met, of_machine=True)
-
-
-def _percentiles(values: dict[str, float]) -> str:
-    return f"{values['p50']:.2f} / {values['p99']:.2f} ms" if values else ""
+    return Row(name, median_and_p99(values), asked, met, of_machine=True)
 
 
 def _list(values: Sequence[float | None], digits: int, unit: str) -> str:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis.motion import Array, Motion, motion, rows_at, told
+from bench.analysis.motion import Array, Motion, motion, told
 from bench.cycle import CYCLE_S
 from bench.record import Run
+from bench.record.time_join import Rows, last_until, same_times, whole_ns
 
 MAX_POINTS = 2400
 """A curve of more samples is thinned out to at most this many."""
@@ -61,10 +62,9 @@ class Series:
         values = np.full(len(self.truth.t), np.nan)
         columns = told(self._run, v, message)
         if columns is not None:
-            rows, at = rows_at(columns["t"], self.truth.t)
+            hold = hold and len(columns["t"]) > 1
+            rows, at = until_due(columns["t"], self.truth.t) if hold else same_times(columns["t"], self.truth.t)
             values[at] = columns[signal][rows]
-            if hold and len(columns["t"]) > 1:
-                values = held(values, self.truth.t, float(np.median(np.diff(columns["t"]))))
         elif not (self.live and self._run.has(f"veh{v}", message)):
             return None
         return values
@@ -75,7 +75,7 @@ class Series:
         if name not in columns:
             return None
         values = np.full(len(self.truth.t), np.nan)
-        rows, at = rows_at(columns["t"], self.truth.t)
+        rows, at = same_times(columns["t"], self.truth.t)
         values[at] = columns[name][rows]
         return values
 
@@ -105,11 +105,15 @@ def _within(run: Run, span: Span) -> Motion:
     return replace(whole, t=whole.t[rows], order=order, **columns)
 
 
-def held(values: Array, t: Array, period_s: float) -> Array:
-    """Return values with the last one in place of those that are missing for less than `period_s` after it."""
-    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
-    age = np.where(last >= 0, t - t[last], np.inf)
-    return np.where(age < period_s - CYCLE_S / 2.0, values[last], np.nan)
+def until_due(times: Array, t: Array) -> tuple[Rows, Rows]:
+    """Return which of the messages of `times` (m > 1,) s, ascending, holds at which of the times `t` (n,) s.
+
+    From when it came until the next was due.
+    """
+    rows = last_until(whole_ns(times), whole_ns(t))
+    period_s = float(np.median(np.diff(times)))
+    at = np.flatnonzero((rows >= 0) & (t - times[rows] < period_s - CYCLE_S / 2.0))
+    return rows[at], at
 
 
 def short(values: Iterable[float]) -> Iterable[float | None]:

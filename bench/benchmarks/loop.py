@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from bench.analysis.metrics import Metrics, compute
+from bench.analysis.step_times import median_and_p99, percentiles, step_times_ms
 from bench.analysis.timing import timing as keeping
 from bench.bus.link.address import Address
 from bench.conductor.run import run
@@ -79,13 +80,7 @@ def timing(runs: Sequence[Run]) -> Table:
 
 
 def _percentiles(recorded: Run, message: str, signal: str) -> str:
-    vehicles = range(1, len(recorded.scenario.vehicles) + 1)
-    times = np.concatenate([recorded.signal(f"veh{i}", message, signal)[1] for i in vehicles])
-    times = times[times > 0.0]
-    if not times.size:
-        return "-"
-    median, p99 = np.percentile(times, [50, 99]) / 1000.0
-    return f"{median:.2f} / {p99:.2f} ms"
+    return median_and_p99(percentiles(step_times_ms(recorded, message, signal))) or "-"
 
 
 def deadlines(recorded: Run) -> Table:

@@ -73,15 +73,17 @@ def show_timing(times: "Timing", scheduling: str) -> None:
 
 
 def _overall(metrics: "Metrics") -> Table:
+    from bench.analysis.step_times import median_and_p99
+
     formed = "not formed" if metrics.formation_time_s is None else f"{metrics.formation_time_s:.2f} s"
     rows = [
         ("formation time", formed),
         ("least distance", _figure(metrics.least_distance_m, "{:.2f} m")),
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
-        ("solver, median / p99", _percentiles(metrics.solver_ms)),
-        ("tracker's step, median / p99", _percentiles(metrics.tracker_ms)),
-        ("planner's step, median / p99", _percentiles(metrics.planner_ms)),
+        ("solver, median / p99", median_and_p99(metrics.solver_ms) or "-"),
+        ("tracker's step, median / p99", median_and_p99(metrics.tracker_ms) or "-"),
+        ("planner's step, median / p99", median_and_p99(metrics.planner_ms) or "-"),
         ("real-time factor", _figure(metrics.real_time_factor, "{:.2f}")),
         ("fallback steps", str(metrics.fallback_steps)),
         ("frames lost", str(metrics.frames_lost)),
@@ -123,7 +125,3 @@ def _figure(value: float | None, form: str) -> str:
 
 def _figures(values: Sequence[float], form: str, unit: str) -> str:
     return f"{', '.join(form.format(value) for value in values)} {unit}" if values else "-"
-
-
-def _percentiles(percentiles: dict[str, float]) -> str:
-    return f"{percentiles['p50']:.2f} / {percentiles['p99']:.2f} ms" if percentiles else "-"

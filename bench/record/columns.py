@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import BadInput
-from bench.mcap.time_span import NS, Span
+from bench.mcap.time_span import Span
+from bench.record.time_join import whole_ns
 
 
 class Columns(dict[str, npt.NDArray[Any]]):
@@ -30,8 +31,7 @@ class Columns(dict[str, npt.NDArray[Any]]):
     @property
     def time_ns(self) -> npt.NDArray[np.int64]:
         """The time in whole ns, as the log has it (n,)."""
-        times: npt.NDArray[np.int64] = np.rint(self["t"] * NS).astype(np.int64)
-        return times
+        return whole_ns(self["t"])
 
     def select(self, rows: npt.NDArray[Any]) -> Columns:
         """Return these rows of all values."""

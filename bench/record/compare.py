@@ -18,7 +18,8 @@ from bench.bus.e2e import CRC_SIGNAL
 from bench.errors import BadInput
 from bench.mcap.time_span import NS
 from bench.record.meaning import Meaning, meanings
-from bench.record.reader import Columns, Run
+from bench.record.reader import Run
+from bench.record.time_join import same_times
 
 # What makes two frames the same.
 _COMPARED = ("time", "can_id", "length", "data")
@@ -203,7 +204,7 @@ def _signal_differences(
     """Return the signals of a message that differ, and that before `end_s` it came more often in one of the runs."""
     messages = meant[0].message(message), meant[1].message(message)
     tables = messages[0].columns, messages[1].columns
-    rows = _same_times(*tables)
+    rows = same_times(tables[0]["t"], tables[1]["t"])
     found = []
     for name in (name for name in tables[0] if name != "t" and name in tables[1]):
         values = [table[name][index].astype(np.float64) for table, index in zip(tables, rows, strict=True)]
@@ -226,10 +227,3 @@ def _signal_differences(
     lengths = tuple(int((table["t"] < end_s).sum()) for table in tables)
     notes = [f"{message} on {bus}: {lengths[0]} frames in A, {lengths[1]} in B"] if lengths[0] != lengths[1] else []
     return found, notes
-
-
-def _same_times(a: Columns, b: Columns) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the rows of each table whose time in ns is in the other too."""
-    a_ns, b_ns = (np.rint(table["t"] * 1e9).astype(np.int64) for table in (a, b))
-    _, left, right = np.intersect1d(a_ns, b_ns, return_indices=True)
-    return left.astype(np.int64), right.astype(np.int64)

@@ -17,6 +17,7 @@ from bench.mcap.time_span import FOREVER_NS, NS, Span, to_ns
 from bench.record.catalogue import Place
 from bench.record.columns import Columns
 from bench.record.event import Event
+from bench.record.time_join import last_until
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import TopicReader
 
@@ -40,7 +41,7 @@ def joined(
     tables = {topic: _in_order(table) for topic, table in log.tables(topics, Span(begin, span.end_ns)).items()}
     times = {topic: table.time_ns for topic, table in tables.items()}
     base = _every_time(times, span) if step is None else _steps(times, span, step)
-    rows = {topic: np.searchsorted(at, base, side="right") - 1 for topic, at in times.items()}
+    rows = {topic: last_until(at, base) for topic, at in times.items()}
     columns = {"t": pl.Series("t", base / NS)}
     for name, (topic, field) in places.items():
         held = rows[topic]

@@ -15,7 +15,7 @@ from bench.analysis.figures import NOTHING_YET, Figures, pool_of
 from bench.analysis.metrics import compute
 from bench.analysis.page_data import live_data, page_data
 from bench.analysis.report import render, render_both, render_live, write
-from bench.analysis.series import MAX_POINTS, held
+from bench.analysis.series import MAX_POINTS, until_due
 from bench.cli.main import app
 from bench.cycle import CYCLE_S
 from bench.errors import BadInput
@@ -181,10 +181,12 @@ def test_what_is_told_now_and_then_holds_until_it_is_due_again(data, formation):
 
 
 def test_what_is_not_told_when_it_is_due_is_a_gap():
-    values, t = np.full(12, np.nan), np.arange(12) * CYCLE_S
-    values[[1, 4, 10]] = [1.0, 2.0, 3.0]
-    nan = np.nan
-    np.testing.assert_array_equal(held(values, t, 0.03), [nan, 1, 1, 1, 2, 2, 2, nan, nan, nan, 3, 3])
+    t = np.arange(14) * CYCLE_S
+    rows, at = until_due(t[[1, 4, 7, 12]], t)
+    assert dict(zip(at.tolist(), rows.tolist(), strict=True)) == {
+        **{1: 0, 2: 0, 3: 0, 4: 1, 5: 1, 6: 1},
+        **{7: 2, 8: 2, 9: 2, 12: 3, 13: 3},
+    }
 
 
 @pytest.mark.parametrize("vehicles", [1, 5])
@@ -258,8 +260,7 @@ def test_spans_of_a_run_that_goes_on_make_up_the_columns_of_the_whole(formation)
         for key, values in grown.items():
             columns[key] += values
     whole = Figures(formation).pool
-    held = {key for key in columns if ".flock." in key}
-    for key in columns.keys() - held:
+    for key in columns:
         assert columns[key] == whole[key], key
 
 
