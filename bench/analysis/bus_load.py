@@ -18,7 +18,6 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import EXTENDED
-from bench.bus.topic import V2V
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.wire.schedulability import Stream, load, response_times, streams
 from bench.bus.wire.timing import sender_of
@@ -117,27 +116,20 @@ class BusLoad:
 
 
 def bus_loads(run: Run) -> list[BusLoad]:
-    """Return what a run did to each of its buses; none for a log without times on the wire or without its DBC files.
-
-    Raises:
-        BadInput: a DBC file attached to the log cannot be read.
-    """
-    codecs: dict[str, Codec] = {}
+    """Return what a run did to each of its buses with times on the wire and a DBC file that can be used."""
     found = []
     for bus in run.buses:
-        dbc = "v2v.dbc" if bus == V2V else "vehicle.dbc"
-        if dbc not in run.attachments:
+        codec = run.codec(bus)
+        if codec is None:
             continue
-        if dbc not in codecs:
-            codecs[dbc] = Codec.from_text(run.attachments[dbc].decode("cp1252", errors="replace"))
         frames = run.frame_table(bus)
         frames = frames[frames["wire"] > 0]
         cycles = frames["time"] // CYCLE_NS
         # The BenchSync that ends the run opens a cycle in which nothing is sent.
-        working = cycles[frames["can_id"] != codecs[dbc].can_id(BENCH_SYNC)]
+        working = cycles[frames["can_id"] != codec.can_id(BENCH_SYNC)]
         frames = frames[cycles <= working.max()] if len(working) else frames[:0]
         if len(frames):
-            found.append(_bus_load(bus, codecs[dbc], run.vehicles, frames))
+            found.append(_bus_load(bus, codec, run.vehicles, frames))
     return found
 
 

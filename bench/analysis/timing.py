@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.step_times import percentiles
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.topic import PLANT, vehicle_bus
@@ -62,7 +63,7 @@ class NodeTiming:
 
     def response(self, percentile: float) -> float | None:
         """Return a percentile of the response time in ms, None where there is none."""
-        return float(np.percentile(self.response_ms, percentile)) if self.response_ms.size else None
+        return next(iter(percentiles(self.response_ms, [percentile]).values()), None)
 
     @property
     def jitter_ms(self) -> float:
@@ -93,17 +94,22 @@ class Timing:
 
 
 def timing(run: Run) -> Timing | None:
-    """Return the times that a real-time run kept; None for a run in lockstep, where the wall clock means nothing.
+    """Return the times that a real-time run kept, on the buses of which the log has the DBC file.
+
+    None where there is none, and for a run in lockstep, where the wall clock means nothing.
 
     Raises:
         BadInput: the log lacks what a run's log has, or has times that cannot be.
     """
     if run.metadata.get("clock") != "realtime":
         return None
-    codec = Codec.from_text(run.attachments["vehicle.dbc"].decode("cp1252"))
+    buses = [vehicle_bus(number) for number in range(1, run.vehicles + 1)]
+    codecs = {bus: codec for bus in buses if (codec := run.codec(bus))}
+    if not codecs:
+        return None
     nodes: list[NodeTiming] = []
     late = np.empty(0)
-    for bus in (vehicle_bus(number) for number in range(1, run.vehicles + 1)):
+    for bus, codec in codecs.items():
         table = run.frame_table(bus)
         begun = _first_receipts(table, codec.can_id(BENCH_SYNC))
         # The last BenchSync only stops the run, some time after the end of the last cycle.
@@ -204,10 +210,8 @@ def _node(name: str, begun: NDArray[np.float64], done: NDArray[np.float64]) -> N
 
 
 def _percentiles(values: NDArray[np.float64]) -> dict[str, float]:
-    if not values.size:
-        return {}
-    found = {f"p{p:g}": float(value) for p, value in zip(PERCENTILES, np.percentile(values, PERCENTILES), strict=True)}
-    return found | {"max": float(values.max())}
+    found = percentiles(values, PERCENTILES)
+    return {**found, "max": float(values.max())} if found else {}
 
 
 def _counts(values: NDArray[np.float64], edges: NDArray[np.float64]) -> list[int]:

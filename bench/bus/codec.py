@@ -5,8 +5,8 @@ results as cantools' own codec in a fraction of the time.
 """
 
 import struct
-from collections.abc import Iterable, Mapping
-from functools import cache
+from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -46,6 +46,26 @@ class EncodeError(BenchError):
     """A message name that the DBC does not have, or a signal without a value."""
 
 
+class SignalBits(NamedTuple):
+    """How the bits of a frame become a signal's value.
+
+    Attributes:
+        signal: its name.
+        shift, mask: where its bits are in the frame as one little-endian number: `number >> shift & mask`.
+        sign: value of the sign bit of a signed signal (two's complement); 0 for an unsigned one and for a float.
+        scale, offset: value = raw * scale + offset.
+        is_float: whether the bits are an IEEE 754 float of 32 bits.
+    """
+
+    signal: str
+    shift: int
+    mask: int
+    sign: int
+    scale: float
+    offset: float
+    is_float: bool
+
+
 class _Encoded(NamedTuple):
     """How a value becomes bits: round((value - offset) / scale), low and high included, NaN becomes start."""
 
@@ -59,19 +79,8 @@ class _Encoded(NamedTuple):
     start: float
 
 
-class _Decoded(NamedTuple):
-    """How bits become a value: two's complement (sign bit `sign`, 0 for unsigned), * scale + offset."""
-
-    signal: str
-    shift: int
-    mask: int
-    sign: int
-    scale: float
-    offset: float
-
-
 class _Layout(NamedTuple):
-    """One message, ready to be coded. CRC and counter are in `decoded` only: `encode` computes them."""
+    """One message, ready to be coded. CRC and counter are not among `encoded`: `encode` computes them."""
 
     name: str
     can_id: int
@@ -82,8 +91,10 @@ class _Layout(NamedTuple):
     crc_start: int
     encoded: tuple[_Encoded, ...]
     encoded_floats: tuple[_Encoded, ...]
-    decoded: tuple[_Decoded, ...]
-    decoded_floats: tuple[_Decoded, ...]
+    bits: tuple[SignalBits, ...]
+    """Of all signals, in the DBC's order."""
+    integers: tuple[SignalBits, ...]
+    floats: tuple[SignalBits, ...]
 
 
 _FLOAT32 = struct.Struct("<f")
@@ -93,6 +104,8 @@ class Codec:
     """Encodes and decodes the messages of one DBC file.
 
     Attributes:
+        file_name: the DBC file's name; empty where there is none.
+        dbc: its content; empty where there is none.
         database: the DBC file as cantools has read it.
         names: message names in the order of their identifiers.
         not_numbers: NaN values that `encode` replaced by the signal's start value, so far.
@@ -100,25 +113,42 @@ class Codec:
     """
 
     def __init__(self, dbc_path: Path) -> None:
-        """Read the DBC file at `dbc_path`; a file already read in this process is not read again.
+        """Read the DBC file at `dbc_path`; content already read in this process is not parsed again.
 
         Raises:
             BadInput: the file is missing, no valid DBC, or has what this codec does not code (see `_layout`).
         """
-        self._set_up(*_read(dbc_path.resolve()))
+        try:
+            dbc = dbc_path.read_bytes()
+        except OSError as error:
+            raise BadInput(f"{dbc_path}: cannot read the DBC file: {error.strerror}") from error
+        self._set_up(dbc, dbc_path.name, str(dbc_path))
 
     @classmethod
-    def from_text(cls, text: str) -> "Codec":
+    def from_bytes(cls, dbc: bytes, file_name: str) -> "Codec":
         """Make a codec of a DBC file's content, e.g. of the one attached to a log.
 
         Raises:
             BadInput: as the constructor.
         """
         codec = cls.__new__(cls)
-        codec._set_up(*_parse(text, "the DBC text"))
+        codec._set_up(dbc, file_name, file_name)
         return codec
 
-    def _set_up(self, database: Database, layouts: tuple[_Layout, ...]) -> None:
+    @classmethod
+    def without_messages(cls) -> "Codec":
+        """Return the codec of a bus that no DBC file describes."""
+        codec = cls.from_bytes(b'VERSION ""\n', "")
+        codec.dbc = b""
+        return codec
+
+    def _set_up(self, dbc: bytes, file_name: str, where: str) -> None:
+        try:
+            database, layouts = _parsed(dbc)
+        except BadInput as error:
+            raise BadInput(f"{where}: {error}") from error
+        self.file_name = file_name
+        self.dbc = dbc
         self.database = database
         self.names = tuple(layout.name for layout in layouts)
         self.not_numbers = 0
@@ -192,11 +222,19 @@ class Codec:
         word = int.from_bytes(data, "little")
         values = {
             signal: ((word >> shift & mask ^ sign) - sign) * scale + offset
-            for signal, shift, mask, sign, scale, offset in layout.decoded
+            for signal, shift, mask, sign, scale, offset, _ in layout.integers
         }
-        for signal, shift, mask, _, _, _ in layout.decoded_floats:
+        for signal, shift, mask, *_ in layout.floats:
             values[signal] = _FLOAT32.unpack((word >> shift & mask).to_bytes(4, "little"))[0]
         return layout.name, values
+
+    def bits(self, name: str) -> tuple[SignalBits, ...]:
+        """Return where in its frame each signal of the message `name` is, in the DBC's order.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        return self._layout_of(name).bits
 
     def start_values(self, name: str) -> dict[str, float]:
         """Return the physical start value of every signal that `encode` takes for the message `name`.
@@ -316,27 +354,33 @@ def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]
     return found
 
 
-@cache
-def _read(path: Path) -> tuple[Database, tuple[_Layout, ...]]:
+def dbc_text(dbc: bytes) -> str:
+    """Return a DBC file's content as text: UTF-8 with or without a byte order mark, else Windows-1252.
+
+    The format names no encoding. Windows' tools write the latter; a byte that it does not have becomes U+FFFD.
+    """
     try:
-        text = path.read_text(encoding="cp1252")
-    except OSError as error:
-        raise BadInput(f"{path}: cannot read the DBC file: {error.strerror}") from error
-    return _parse(text, str(path))
+        text = dbc.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = dbc.decode("cp1252", errors="replace")
+    return text.replace("\r\n", "\n")
 
 
-def _parse(text: str, where: str) -> tuple[Database, tuple[_Layout, ...]]:
+@lru_cache(maxsize=16)
+def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
+    """Return a DBC file's content and the tables of its messages, by identifier.
+
+    Raises:
+        BadInput: it is no valid DBC, or has what this codec does not code (see `_layout`).
+    """
     try:
-        database = load_string(text, database_format="dbc", strict=True)
+        database = load_string(dbc_text(dbc), database_format="dbc", strict=True)
     except CantoolsError as error:
-        raise BadInput(f"{where}: not a valid DBC file: {error}") from error
+        raise BadInput(f"not a valid DBC file: {error}") from error
     if not isinstance(database, Database):
-        raise BadInput(f"{where}: not a DBC file of a CAN bus")
-    try:
-        layouts = (_layout(message) for message in database.messages)
-        return database, tuple(sorted(layouts, key=lambda layout: layout.can_id))
-    except BadInput as error:
-        raise BadInput(f"{where}: {error}") from error
+        raise BadInput("not a DBC file of a CAN bus")
+    layouts = (_layout(message) for message in database.messages)
+    return database, tuple(sorted(layouts, key=lambda layout: layout.can_id))
 
 
 def _layout(message: Message) -> _Layout:
@@ -352,6 +396,7 @@ def _layout(message: Message) -> _Layout:
     data_id = int(_attribute(message, "E2EDataId", 0))
     if data_id:
         _check_protection(message)
+    bits = tuple(map(_bits, message.signals))
     payload = [s for s in message.signals if not (data_id and s.name in _E2E_SIGNALS)]
     return _Layout(
         name=message.name,
@@ -360,10 +405,11 @@ def _layout(message: Message) -> _Layout:
         data_id=data_id,
         wall_clock=_attribute(message, "WallClock", "No") == "Yes",
         crc_start=e2e.crc_of_id(data_id),
-        encoded=tuple(map(_encoded, _integers(payload))),
-        encoded_floats=tuple(map(_encoded, _floats(payload))),
-        decoded=tuple(map(_decoded, _integers(message.signals))),
-        decoded_floats=tuple(map(_decoded, _floats(message.signals))),
+        encoded=tuple(_encoded(signal) for signal in payload if not signal.is_float),
+        encoded_floats=tuple(_encoded(signal) for signal in payload if signal.is_float),
+        bits=bits,
+        integers=tuple(each for each in bits if not each.is_float),
+        floats=tuple(each for each in bits if each.is_float),
     )
 
 
@@ -379,6 +425,8 @@ def _check_codable(message: Message, signal: Signal) -> None:
         raise BadInput(f"{where}: a float of {signal.length} bits cannot be coded, only of 32")
     if signal.is_float and (signal.scale != 1 or signal.offset != 0):
         raise BadInput(f"{where}: a float must have scale 1 and offset 0")
+    if not signal.scale:
+        raise BadInput(f"{where}: its scale is 0")
     if signal.minimum is None or signal.maximum is None:
         raise BadInput(f"{where}: give it a range, [minimum|maximum]")
     if not signal.is_float:
@@ -396,36 +444,29 @@ def _check_protection(message: Message) -> None:
             raise BadInput(f"message {message.name}: it has an E2EDataId, so it needs {need}")
 
 
-def _integers(signals: Iterable[Signal]) -> list[Signal]:
-    return [signal for signal in signals if not signal.is_float]
-
-
-def _floats(signals: Iterable[Signal]) -> list[Signal]:
-    return [signal for signal in signals if signal.is_float]
-
-
 def _encoded(signal: Signal) -> _Encoded:
-    raw = signal.raw_initial or 0
+    bits = _bits(signal)
     return _Encoded(
-        signal=signal.name,
-        shift=signal.start,
-        mask=(1 << signal.length) - 1,
-        scale=signal.scale,
-        offset=signal.offset,
+        signal=bits.signal,
+        shift=bits.shift,
+        mask=bits.mask,
+        scale=bits.scale,
+        offset=bits.offset,
         low=float(signal.minimum or 0),
         high=float(signal.maximum or 0),
-        start=float(raw * signal.scale + signal.offset),
+        start=float((signal.raw_initial or 0) * signal.scale + signal.offset),
     )
 
 
-def _decoded(signal: Signal) -> _Decoded:
-    return _Decoded(
+def _bits(signal: Signal) -> SignalBits:
+    return SignalBits(
         signal=signal.name,
         shift=signal.start,
         mask=(1 << signal.length) - 1,
-        sign=1 << (signal.length - 1) if signal.is_signed else 0,
+        sign=1 << (signal.length - 1) if signal.is_signed and not signal.is_float else 0,
         scale=float(signal.scale),
         offset=float(signal.offset),
+        is_float=signal.is_float,
     )
 
 

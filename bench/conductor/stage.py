@@ -12,7 +12,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from bench.bus.codec import DBC_DIR, Codec
+from bench.bus.codec import Codec
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
@@ -102,12 +102,10 @@ class Stage:
         }
 
     def attachments(self, command_line: Sequence[str]) -> dict[str, bytes]:
-        """The files that the log carries along."""
+        """The files that the log carries along, beside the DBC files."""
         return {
             "command_line.txt": f"{shlex.join(command_line)}\n".encode(),
             "scenario.toml": self.scenario.toml().encode(),
-            "vehicle.dbc": (DBC_DIR / "vehicle.dbc").read_bytes(),
-            "v2v.dbc": (DBC_DIR / "v2v.dbc").read_bytes(),
             "modelDescription.xml": self.description.xml,
         }
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from bench.bus.codec import Codec
+from bench.bus.codec import Codec, SignalBits
 from bench.bus.states import ActuatorState, EcuState
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
@@ -26,14 +26,10 @@ class Change(NamedTuple):
 
 
 class _Watched(NamedTuple):
-    """Where in a message its state is: the byte and the bits in it."""
+    """Where in a message its state is, and what its values are called."""
 
     source: str
-    message: str
-    signal: str
-    byte: int
-    shift: int
-    mask: int
+    state: SignalBits
     names: Mapping[int, str]
     causes: Mapping[int, str]
 
@@ -57,38 +53,28 @@ class StateWatch:
     def change(self, bus: str, can_id: int, data: bytes) -> Change | None:
         """Return the change that a frame shows, None for none."""
         place = self.watched[bus, can_id]
-        if len(data) <= place.byte:
+        if 8 * len(data) <= place.state.shift:
             return None
-        state = data[place.byte] >> place.shift & place.mask
-        before = self._last.get((bus, can_id), _NORMAL[place.signal][0])
+        state = int.from_bytes(data, "little") >> place.state.shift & place.state.mask
+        before = self._last.get((bus, can_id), _NORMAL[place.state.signal][0])
         if state == before:
             return None
         self._last[bus, can_id] = state
         names = [place.names.get(value, str(value)).lower() for value in (before, state)]
         cause = self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0)
         why = f" ({place.causes[int(cause)]})" if cause and int(cause) in place.causes else ""
-        level = "info" if state in _NORMAL[place.signal] else "warning"
+        level = "info" if state in _NORMAL[place.state.signal] else "warning"
         return Change(level, place.source, f"{names[0]} -> {names[1]}{why}")
 
 
 def _watched(bus: str, name: str, codec: Codec) -> _Watched:
     message = codec.message(name)
     signals = {signal.name: signal for signal in message.signals}
-    state = signals[_STATES[name]]
-    byte, shift = divmod(state.start, 8)
+    (state,) = (bits for bits in codec.bits(name) if bits.signal == _STATES[name])
     node = message.senders[0].lower()
     source = f"{bus}.actuators" if node == "plant" else f"{bus}.{node}"
     causes = signals[_CAUSE].choices if _CAUSE in signals else None
-    return _Watched(
-        source,
-        name,
-        state.name,
-        byte,
-        shift,
-        (1 << state.length) - 1,
-        _texts(state.choices),
-        _texts(causes),
-    )
+    return _Watched(source, state, _texts(signals[state.signal].choices), _texts(causes))
 
 
 def _texts(choices: Mapping[int, object] | None) -> dict[int, str]:

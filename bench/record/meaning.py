@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.topic import V2V
 from bench.errors import BadInput
 from bench.record.reader import Columns, Run
 from bench.record.signals import SignalTable, signal_message
@@ -78,7 +76,7 @@ class Meaning:
         return Message(columns, units, self._run.log.decoder(topic).labels)
 
     def _decoded(self, name: str, codec: Codec) -> Message:
-        described = signal_message(self._bus, codec.message(name), wall_clock=False)
+        described = signal_message(self._bus, codec, name)
         frames = self._frames
         frames = frames[(frames["can_id"] == described.can_id) & (frames["length"] == described.length)]
         _, _, values = SignalTable([described]).decode(frames["data"], np.zeros(len(frames), np.int64))
@@ -100,22 +98,8 @@ def meanings(a: Run, b: Run, bus: str) -> tuple[Meaning, Meaning] | None:
     """
     if all(run.messages(bus) for run in (a, b)):
         return Meaning(a, bus), Meaning(b, bus)
-    codec = attached_codec(a, bus) or attached_codec(b, bus) or _of_the_bench(a, bus) or _of_the_bench(b, bus)
+    codec = a.codec(bus) or b.codec(bus) or _of_the_bench(a, bus) or _of_the_bench(b, bus)
     return None if codec is None else (Meaning(a, bus, codec), Meaning(b, bus, codec))
-
-
-def attached_codec(run: Run, bus: str) -> Codec | None:
-    """Return the codec of the DBC that is attached for `bus`, None where there is none that can be read."""
-    try:
-        return _parsed(run.attachments["v2v.dbc" if bus == V2V else "vehicle.dbc"].decode())
-    except (KeyError, BadInput, UnicodeDecodeError):
-        return None
-
-
-# All vehicles' buses have one DBC.
-@lru_cache(maxsize=4)
-def _parsed(text: str) -> Codec:
-    return Codec.from_text(text)
 
 
 def _of_the_bench(run: Run, bus: str) -> Codec | None:

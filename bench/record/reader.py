@@ -22,12 +22,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from bench.bus.codec import Codec
 from bench.errors import BadInput
 from bench.mcap.time_span import ALL, NS, Span
 from bench.record import foxglove
 from bench.record.can_frame import MAX_DATA, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
+from bench.record.dbc_files import DbcFiles
 from bench.record.event import Event
 from bench.record.frame_table import FRAME_TABLE, frames_of
 from bench.record.topic_decoder import TopicDecoder
@@ -68,6 +70,7 @@ class Run:
         self.result = contents.metadata.get("result", {})
         self.metadata = {**contents.metadata.get("run", {}), **self.result}
         self.topics = self.log.topics
+        self._dbc_files = DbcFiles(self.path, self.topics, self.attachments)
         self._kept: OrderedDict[str, Columns] = OrderedDict()
 
     def __repr__(self) -> str:
@@ -123,6 +126,14 @@ class Run:
             return Scenario.model_validate_json(json.dumps(tomllib.loads(self.scenario_text)))
         except ValueError as error:
             raise BadInput(f"{self.path}: the scenario attached to it cannot be read: {error}") from error
+
+    def codec(self, bus: str) -> Codec | None:
+        """Return the codec of the DBC file attached for `bus`, None where there is none that can be used."""
+        return self._dbc_files.codec(bus)
+
+    def dbc(self, bus: str) -> bytes | None:
+        """Return the DBC file attached for `bus`, None where there is none."""
+        return self._dbc_files.content(bus)
 
     def messages(self, bus: str) -> list[str]:
         """Return the names of the messages recorded decoded on `bus`, in the order of their identifiers."""

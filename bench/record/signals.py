@@ -1,4 +1,4 @@
-"""The decoded-signal messages of a log, generated from the DBC, and the numpy decoding of frames into them.
+"""The decoded-signal messages of a log, generated from the DBC, and the decoding of many frames at once into them.
 
 Each DBC message becomes one flat protobuf message with a field per signal: whole numbers for signals without a
 fractional scale, an enumeration for signals with a value table, float for IEEE floats, double for the rest.
@@ -7,31 +7,18 @@ fractional scale, an enumeration for signals with a value table, float for IEEE 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import cantools.database.can
 import numpy as np
 import numpy.typing as npt
 from cantools.database.can.signal import Signal
 
+from bench.bus.codec import Codec, SignalBits
 from bench.errors import BadInput
+from bench.record.can_frame import MAX_DATA
 from bench.record.layout import Field, Kind, Layout, file_descriptor_set, identifier
 
 # A double holds whole numbers up to 2**53 exactly; no wider signal keeps its value.
 _WIDEST = 53
-
-
-@dataclass(frozen=True)
-class SignalBits:
-    """Where one signal stands in a frame of up to 8 bytes and how it is scaled: value = raw * scale + offset."""
-
-    shift: int
-    width: int
-    big_endian: bool
-    signed: bool
-    is_float: bool
-    scale: float
-    offset: float
 
 
 @dataclass(frozen=True)
@@ -43,7 +30,7 @@ class SignalMessage:
         name: DBC name.
         length: bytes in a frame.
         layout: the decoded record.
-        bits: a `SignalBits` for each field of `layout`.
+        bits: of each field of `layout`.
         schema_name, schema: full protobuf name and serialised FileDescriptorSet.
         channel_metadata: what a reader wants to know of the channel: identifier, sender, units, wall clock or not.
     """
@@ -58,32 +45,36 @@ class SignalMessage:
     channel_metadata: dict[str, str]
 
 
-def signal_message(package: str, message: cantools.database.can.Message, *, wall_clock: bool) -> SignalMessage:
-    """Return the log's form of a DBC message.
+def signal_message(package: str, codec: Codec, name: str) -> SignalMessage:
+    """Return the log's form of the DBC message `name`.
 
     Raises:
-        BadInput: the message is longer than 8 bytes, multiplexed, or has a signal wider than 53 bits.
+        BadInput: the message is longer than 8 bytes, or has a signal wider than 53 bits.
     """
-    if message.length > 8 or message.is_multiplexed():
-        raise BadInput(
-            f"DBC message {message.name}: {message.length} bytes, multiplexed: {message.is_multiplexed()}; "
-            "the recorder takes plain messages of at most 8 bytes"
-        )
+    message = codec.message(name)
+    if message.length > MAX_DATA:
+        raise BadInput(f"DBC message {name}: {message.length} bytes; the recorder takes messages of at most {MAX_DATA}")
+    for signal in message.signals:
+        if signal.length > _WIDEST:
+            raise BadInput(
+                f"DBC message {name}, signal {signal.name}: {signal.length} bits; "
+                f"the recorder keeps whole numbers of at most {_WIDEST} bits"
+            )
     layout = Layout([_field(signal) for signal in message.signals])
-    name = f"{package}.{identifier(message.name)}"
+    schema_name = f"{package}.{identifier(name)}"
     units = {f"unit {field.name}": field.unit for field in layout.fields if field.unit}
     return SignalMessage(
         can_id=message.frame_id,
-        name=message.name,
+        name=name,
         length=message.length,
         layout=layout,
-        bits=tuple(_bits(message, signal) for signal in message.signals),
-        schema_name=name,
-        schema=file_descriptor_set(name, layout, message.comment or ""),
+        bits=codec.bits(name),
+        schema_name=schema_name,
+        schema=file_descriptor_set(schema_name, layout, message.comment or ""),
         channel_metadata={
             "can_id": f"0x{message.frame_id:03X}",
             "sender": ", ".join(message.senders),
-            "wall_clock": "yes" if wall_clock else "no",
+            "wall_clock": "yes" if codec.is_wall_clock(message.frame_id) else "no",
             **units,
         },
     )
@@ -96,32 +87,13 @@ def _field(signal: Signal) -> Field:
 
 def _kind(signal: Signal) -> Kind:
     if signal.is_float:
-        return "float" if signal.length == 32 else "double"
+        return "float"
     whole = float(signal.scale).is_integer() and float(signal.offset).is_integer()
     if signal.choices and not signal.is_signed and signal.length <= 7 and signal.scale == 1 and signal.offset == 0:
         return "enum"
     if whole and signal.scale == 1 and signal.offset == 0 and signal.length <= 32:
         return "sfixed32" if signal.is_signed else "fixed32"
     return "double"
-
-
-def _bits(message: cantools.database.can.Message, signal: Signal) -> SignalBits:
-    if signal.length > _WIDEST and not signal.is_float:
-        raise BadInput(
-            f"DBC message {message.name}, signal {signal.name}: {signal.length} bits; "
-            f"the recorder keeps whole numbers of at most {_WIDEST} bits"
-        )
-    big_endian = signal.byte_order == "big_endian"
-    if big_endian:
-        # DBC names the most significant bit: byte * 8 + bit in the byte. Seen as one big-endian word of 64 bits,
-        # that bit is at 8 * (7 - byte) + bit.
-        byte, bit = divmod(signal.start, 8)
-        shift = 8 * (7 - byte) + bit - signal.length + 1
-    else:
-        shift = signal.start
-    return SignalBits(
-        shift, signal.length, big_endian, signal.is_signed, signal.is_float, float(signal.scale), float(signal.offset)
-    )
 
 
 class SignalTable:
@@ -138,11 +110,9 @@ class SignalTable:
         self.count = np.array(counts, np.int64)
         self.first = np.concatenate([[0], np.cumsum(self.count)])[:-1].astype(np.int64)
         self._shift = np.array([b.shift for b in bits], np.uint64)
-        self._mask = np.array([(1 << b.width) - 1 for b in bits], np.uint64)
-        self._sign = np.array([1 << (b.width - 1) if b.signed and not b.is_float else 0 for b in bits], np.int64)
-        self._big = np.array([b.big_endian for b in bits], np.bool_)
-        self._float32 = np.array([b.is_float and b.width == 32 for b in bits], np.bool_)
-        self._float64 = np.array([b.is_float and b.width == 64 for b in bits], np.bool_)
+        self._mask = np.array([b.mask for b in bits], np.uint64)
+        self._sign = np.array([b.sign for b in bits], np.int64)
+        self._is_float = np.array([b.is_float for b in bits], np.bool_)
         self._scale = np.array([b.scale for b in bits], np.float64)
         self._offset = np.array([b.offset for b in bits], np.float64)
 
@@ -159,15 +129,11 @@ class SignalTable:
         frame = np.repeat(np.arange(len(message)), count)
         within = np.arange(len(frame)) - np.repeat(np.cumsum(count) - count, count)
         signal = self.first[message][frame] + within
-        little = np.ascontiguousarray(data).view("<u8").reshape(-1)
-        word = little[frame]
-        if self._big.any():
-            word = np.where(self._big[signal], little.byteswap()[frame], word)
-        raw = (word >> self._shift[signal]) & self._mask[signal]
+        number = np.ascontiguousarray(data).view("<u8").reshape(-1)
+        raw = (number[frame] >> self._shift[signal]) & self._mask[signal]
         sign = self._sign[signal]
         value = ((raw.view(np.int64) ^ sign) - sign).astype(np.float64)
-        for wide, bits_type, float_type in ((self._float32, "<u4", "<f4"), (self._float64, "<u8", "<f8")):
-            chosen: npt.NDArray[Any] = wide[signal]
-            if chosen.any():
-                value[chosen] = raw[chosen].astype(bits_type).view(float_type)
+        floats = self._is_float[signal]
+        if floats.any():
+            value[floats] = raw[floats].astype("<u4").view("<f4")
         return frame, signal, value * self._scale[signal] + self._offset[signal]

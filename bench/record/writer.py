@@ -34,7 +34,7 @@ from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.mcap.chunking import ChunkGroups, Records
 from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
-from bench.record import can_frame, foxglove, process_usage
+from bench.record import can_frame, dbc_files, foxglove, process_usage
 from bench.record.layout import Field, Layout, file_descriptor_set
 from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message
@@ -90,7 +90,8 @@ class RunWriter:
             truth_names: names of the values of a truth row, in order; X, Y, psi and phi among them give the poses.
             vehicles: number of vehicles.
             metadata: what describes the run: versions, seed, host, clock ...
-            attachments: file name -> content; lanes for the scene are taken from `scenario.toml`.
+            attachments: file name -> content, beside the codecs' DBC files; lanes for the scene are taken from
+                `scenario.toml`.
             truth_units: unit of each truth value, where there is one.
             timeline: made for the same codecs; None leaves frames without times on the wire, in the order they come in.
 
@@ -108,8 +109,9 @@ class RunWriter:
         self._timeline = timeline
         self._closed = False
         self._file = self._guard(lambda: McapFile(self._stream, "platoon"))
-        self._guard(lambda: self._write_head(metadata, attachments))
-        self._make_can_channels(codecs)
+        dbc_names, files = dbc_files.attached_files(codecs, attachments)
+        self._guard(lambda: self._write_head(metadata, files))
+        self._make_can_channels(codecs, dbc_names)
         self._make_truth_channels(truth_names, truth_units or {})
         self._rest_group = len(codecs) + 2
         self._group = self._groups_of_channels()
@@ -262,7 +264,7 @@ class RunWriter:
         for name, data in attachments.items():
             self._file.add_attachment(name, media_type(name), data)
 
-    def _make_can_channels(self, codecs: Mapping[str, Codec]) -> None:
+    def _make_can_channels(self, codecs: Mapping[str, Codec], dbc_names: Mapping[str, str]) -> None:
         """Register a raw channel per bus and a decoded one per bus and message, with their templates."""
         raw_schema = self._file.add_schema(can_frame.NAME, can_frame.SCHEMA)
         # Templates 0..8 are raw frames of that many bytes, then come the decoded messages, then truth.
@@ -276,7 +278,8 @@ class RunWriter:
         poses_schema = self._file.add_schema(*foxglove.schema(PosesInFrame))
         for number, (bus, codec) in enumerate(codecs.items()):
             self._bus_numbers[bus] = number
-            self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, {"bus": bus}))
+            about = {"bus": bus, dbc_files.METADATA: dbc_names[bus]}
+            self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, about))
             for message in _messages(bus, codec):
                 place = places.setdefault((message.schema_name, message.schema), len(messages))
                 if place == len(messages):
@@ -525,8 +528,7 @@ class _SignalPlaces:
 def _messages(bus: str, codec: Codec) -> list[SignalMessage]:
     """Return the log's form of all messages of a bus; `veh1` and `veh2` share their schemas as `veh`."""
     package = f"platoon.{bus.rstrip('0123456789')}"
-    messages = (codec.message(name) for name in codec.names)
-    return [signal_message(package, message, wall_clock=codec.is_wall_clock(message.frame_id)) for message in messages]
+    return [signal_message(package, codec, name) for name in codec.names]
 
 
 def _template(payload: bytes) -> bytes:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from bench.bus.codec import Codec
 from bench.bus.wire.timing import sender_of
 from bench.errors import BadInput
-from bench.record.meaning import attached_codec
 from bench.record.reader import Run
 
 
@@ -43,7 +42,7 @@ class Selection:
         buses = tuple(bus for bus in run.buses if not only or bus in only)
         if not buses:
             raise BadInput(f"{run.path} holds no frames")
-        sent = {bus: _sent_by(run, bus, attached_codec(run, bus)) for bus in run.buses} if without else {}
+        sent = {bus: _sent_by(run, bus, run.codec(bus)) for bus in run.buses} if without else {}
         known = sorted({sender for senders in sent.values() for sender in senders})
         for name in without:
             if name not in known:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 
-from bench.bus.codec import DBC_DIR, Codec, load_codecs
+from bench.bus.codec import Codec, load_codecs
 from bench.conductor.seats import Seat
 from bench.conductor.stage import BY_HAND
 from bench.cycle import time_of
@@ -84,7 +84,7 @@ def make_plan(
         log = EcuLog(seat, buses, codecs, history.faults, cycles=cycles, until=ended)
         jobs.append(Job(log, specs[seat.name], scenario, history.faults, tolerance))
     realtime = any(job.log.realtime for job in jobs)
-    notes += _notes(run, history, jobs, realtime=realtime)
+    notes += _notes(run, codecs, history, jobs, realtime=realtime)
     return Plan(run, codecs, tuple(jobs), tuple(seats.values()), specs, realtime, tuple(notes))
 
 
@@ -142,7 +142,9 @@ def _class_note(run: Run, seat: Seat, given: Mapping[str, str]) -> str:
     return f"{seat.name} {how}, and is {now} here"
 
 
-def _notes(run: Run, history: History, jobs: Sequence[Job], *, realtime: bool) -> list[str]:
+def _notes(
+    run: Run, codecs: Mapping[str, Codec], history: History, jobs: Sequence[Job], *, realtime: bool
+) -> list[str]:
     notes = []
     if realtime:
         notes.append(
@@ -161,10 +163,10 @@ def _notes(run: Run, history: History, jobs: Sequence[Job], *, realtime: bool) -
         )
     if realtime and len(history.faults) > len(run.scenario.faults):
         notes.append("faults were typed into the running bench: in real time each ECU heard of them in its own time")
-    for name in ("vehicle.dbc", "v2v.dbc"):
-        attached = run.attachments.get(name)
-        if attached is not None and attached != (DBC_DIR / name).read_bytes():
-            notes.append(f"{name} has changed since this log was made: the same values may be other bytes")
+    changed = {codec.file_name for bus, codec in codecs.items() if run.dbc(bus) not in (None, codec.dbc)}
+    notes += [
+        f"{name} has changed since this log was made: the same values may be other bytes" for name in sorted(changed)
+    ]
     lost = run.result.get("frames_lost", "0")
     if lost != "0":
         notes.append(f"{lost} frames were lost in this run: who lost them cannot have answered to them")

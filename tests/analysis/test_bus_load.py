@@ -10,7 +10,7 @@ from bench.analysis.bus_load import bus_loads
 from bench.analysis.bus_strip import strip
 from bench.analysis.figures import Figures
 from bench.analysis.report import render
-from bench.bus.codec import DBC_DIR, load_codecs
+from bench.bus.codec import load_codecs
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_NS
@@ -95,7 +95,7 @@ def test_cycles_without_frames_are_idle_however_many_they_are(tmp_path):
         truth_names=("X", "Y", "psi", "phi"),
         vehicles=1,
         metadata={"vehicles": "1"},
-        attachments={name: (DBC_DIR / name).read_bytes() for name in ("vehicle.dbc", "v2v.dbc")},
+        attachments={},
         timeline=BusTimeline(codecs, {}),
     ) as writer:
         for cycle in cycles:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bench.analysis.timing import LONGEST_MS, histograms, timing
-from bench.bus.codec import DBC_DIR, load_codecs
+from bench.bus.codec import load_codecs
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
 from bench.cycle import CYCLE_NS
@@ -35,7 +35,7 @@ def write(path: Path, clock: str, stop_cycle: int = CYCLES) -> Run:
         truth_names=("X", "Y", "psi", "phi"),
         vehicles=1,
         metadata={"clock": clock, "vehicles": "1"},
-        attachments={name: (DBC_DIR / name).read_bytes() for name in ("vehicle.dbc", "v2v.dbc")},
+        attachments={},
     )
 
     def frame(message: str, cycle: int, at_ns: int, **values: float) -> None:

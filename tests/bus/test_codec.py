@@ -194,10 +194,26 @@ def test_more_vehicles_than_the_radio_has_messages_for_are_refused(vehicles):
         load_codecs(vehicles)
 
 
-def test_a_codec_of_the_text_is_that_of_the_file():
-    codec = Codec.from_text((DBC_DIR / "vehicle.dbc").read_text())
+def test_a_codec_of_the_content_is_that_of_the_file():
+    codec = Codec.from_bytes((DBC_DIR / "vehicle.dbc").read_bytes(), "vehicle.dbc")
+    assert (codec.file_name, codec.dbc) == (CODECS["veh1"].file_name, CODECS["veh1"].dbc)
     assert codec.names == CODECS["veh1"].names
     assert codec.encode("VehicleMotion", MOTION, 7) == CODECS["veh1"].encode("VehicleMotion", MOTION, 7)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+@pytest.mark.parametrize("line_end", ["\n", "\r\n"])
+def test_a_dbc_is_read_in_either_encoding(tmp_path, encoding, line_end):
+    more = 'CM_ SG_ 5 S "Öl\nund Luft";'
+    text = ONE_MESSAGE.format(signal="S : 0|8@1+ (1,0) [0|255]", more=more).replace('"" B', '"°C" B')
+    (tmp_path / "one.dbc").write_bytes(text.replace("\n", line_end).encode(encoding))
+    signal = Codec(tmp_path / "one.dbc").message("M").get_signal_by_name("S")
+    assert (signal.unit, signal.comment) == ("°C", "Öl\nund Luft")
+
+
+def test_a_byte_that_neither_encoding_has_costs_only_itself():
+    dbc = ONE_MESSAGE.format(signal="S : 0|8@1+ (1,0) [0|255]", more="").encode().replace(b'"" B', b'"\xb0\x81" B')
+    assert Codec.from_bytes(dbc, "one.dbc").message("M").get_signal_by_name("S").unit == "°\N{REPLACEMENT CHARACTER}"
 
 
 def test_a_dbc_that_is_not_there_or_no_dbc_is_bad_input(tmp_path):
@@ -215,6 +231,7 @@ def test_a_dbc_that_is_not_there_or_no_dbc_is_bad_input(tmp_path):
         ("S m0 : 8|8@1+ (1,0) [0|255]", "", "multiplexing"),
         ("S : 0|64@1- (1,0) [0|1]", "SIG_VALTYPE_ 5 S : 2;", "float of 64 bits"),
         ("S : 0|32@1- (2,0) [0|1]", "SIG_VALTYPE_ 5 S : 1;", "scale 1"),
+        ("S : 0|8@1+ (0,0) [0|1]", "", "scale is 0"),
         ("S : 0|8@1+ (1,0) [0|0]", "", "range"),
         ("S : 0|8@1+ (1,0) [0|256]", "", "8 bits"),
         ("S : 16|8@1+ (1,0) [0|255]", 'BA_ "E2EDataId" BO_ 5 7;', "needs a signal CRC of 8 bits at bit 0"),
@@ -224,11 +241,12 @@ def test_what_the_codec_cannot_code_is_refused(signal, more, complaint):
     if "m0" in signal:
         signal += ' "" B\n SG_ X M : 0|8@1+ (1,0) [0|255]'
     with pytest.raises(BadInput, match=f"message M.*{complaint}"):
-        Codec.from_text(ONE_MESSAGE.format(signal=signal, more=more))
+        Codec.from_bytes(ONE_MESSAGE.format(signal=signal, more=more).encode(), "one.dbc")
 
 
 def test_scale_and_offset_are_those_of_cantools():
-    codec = Codec.from_text(ONE_MESSAGE.format(signal="S : 3|11@1- (0.25,-40) [-200|200]", more=""))
+    dbc = ONE_MESSAGE.format(signal="S : 3|11@1- (0.25,-40) [-200|200]", more="")
+    codec = Codec.from_bytes(dbc.encode(), "one.dbc")
     for value in (-200.0, -40.1, -40.0, -39.875, 0.0, 17.3, 200.0):
         can_id, data = codec.encode("M", {"S": value})
         assert data == codec.message("M").encode({"S": value})

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.timing import NodeTiming, Timing, timing
-from bench.bus.codec import DBC_DIR, load_codecs
+from bench.bus.codec import load_codecs
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.direct import DirectLink, Hub
@@ -163,7 +163,7 @@ def conduct(tmp_path: Path) -> Iterator[Conduct]:
             truth_names=("X", "Y", "psi", "phi"),
             vehicles=1,
             metadata={"clock": "realtime", "vehicles": "1"},
-            attachments={name: (DBC_DIR / name).read_bytes() for name in ("vehicle.dbc", "v2v.dbc")},
+            attachments={},
         )
         try:
             conductor.run(crew, Recorder(writer, CODECS, ProcessWatch(dict)), cycles, None)

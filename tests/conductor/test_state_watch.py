@@ -37,5 +37,5 @@ def test_senders_are_told_apart() -> None:
 def test_a_frame_too_short_shows_nothing(length: int) -> None:
     watch = StateWatch(CODECS)
     for bus, can_id in watch.watched:
-        if length <= watch.watched[bus, can_id].byte:
+        if 8 * length <= watch.watched[bus, can_id].state.shift:
             assert watch.change(bus, can_id, b"\xff" * length) is None

@@ -34,7 +34,7 @@ def open_writer(path, codecs, timeline=None):
         truth_names=TRUTH_NAMES,
         vehicles=VEHICLES,
         metadata={"seed": "7"},
-        attachments={"scenario.toml": SCENARIO, "vehicle.dbc": b"VERSION"},
+        attachments={"scenario.toml": SCENARIO},
         truth_units={"X": "m", "psi": "rad"},
         timeline=timeline,
     )

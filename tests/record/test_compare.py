@@ -2,10 +2,11 @@
 
 import pytest
 
-from bench.bus.codec import DBC_DIR, Codec, load_codecs
+from bench.bus.codec import DBC_DIR
 from bench.bus.wire.timing import BusTimeline
 from bench.errors import BadInput
 from bench.record import Run, RunWriter, diff
+from tests.reference import raw_log
 
 from .conftest import open_writer
 
@@ -157,19 +158,9 @@ def test_nothing_to_compare_is_no_success(codecs, tmp_path, make_log):
 
 def frames_only(source, target, *, dbc=False):
     """The raw frames of a log, with or without the DBC files that tell what they mean."""
-    run, codecs = Run(source), load_codecs(2)
+    run = Run(source)
     attached = {name: (DBC_DIR / name).read_bytes() for name in ("v2v.dbc", "vehicle.dbc")} if dbc else {}
-    nothing = Codec.from_text('VERSION ""\n')
-    with RunWriter(
-        target,
-        codecs=dict.fromkeys(codecs, nothing),
-        truth_names=(),
-        vehicles=2,
-        metadata={},
-        attachments=attached,
-    ) as writer:
-        for frame in run.frames():
-            writer.frame(frame.bus, frame.time_ns, frame.can_id, frame.data, frame.receive_ns)
+    raw_log.write(target, run.frames(), run.buses, "", {"run": {"vehicles": "2"}}, attached)
     return target
 
 

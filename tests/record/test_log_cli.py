@@ -12,6 +12,7 @@ import polars as pl
 import pytest
 from mcap.reader import make_reader
 
+from bench.bus.codec import DBC_DIR
 from bench.cli.log import ExportName, FormatName
 from bench.cli.main import main
 from bench.record import LogDamaged, Run
@@ -55,7 +56,8 @@ def test_info_tells_what_a_log_is(platoon, log, recorded):
     lines = dict(line.split(maxsplit=1) for line in shown.stdout.splitlines() if not line.startswith("bus"))
     assert lines["time"] == "0 s to 0.39 s"
     assert (lines["status"], lines["seed"], lines["events"]) == ("completed", "7", "4 warning")
-    assert lines["attachments"] == f"scenario.toml ({len(SCENARIO)} bytes), vehicle.dbc (7 bytes)"
+    files = {"scenario.toml": SCENARIO, **{name: (DBC_DIR / name).read_bytes() for name in ("v2v.dbc", "vehicle.dbc")}}
+    assert lines["attachments"] == ", ".join(f"{name} ({len(data)} bytes)" for name, data in files.items())
     assert lines["damage"] == "none found"
     for bus in ("v2v", "veh1", "veh2"):
         count = sum(frame[1] == bus for frame in recorded.frames)

@@ -172,7 +172,7 @@ def test_a_damaged_attachment_is_left_out_and_named(recorded, tmp_path):
     done = recover(broken, tmp_path / "clean.mcap")
     assert done.lost == ["an attachment cannot be read (the attachment scenario.toml is damaged)"]
     run, frames = read(tmp_path / "clean.mcap")
-    assert list(run.attachments) == ["vehicle.dbc"]
+    assert list(run.attachments) == ["v2v.dbc", "vehicle.dbc"]
     assert frames == list(Run(recorded.path).frames())
 
 

@@ -15,7 +15,14 @@ _COLUMNS = [("receive", "<i8"), ("can_id", "<u4"), ("wire", "<i8"), ("response",
 _ROW = np.dtype([*_COLUMNS, ("data", "u1", (can_frame.MAX_DATA,))])
 
 
-def write(out: Path, frames: Iterable[Frame], buses: Iterable[str], scenario: str, metadata: Metadata) -> None:
+def write(
+    out: Path,
+    frames: Iterable[Frame],
+    buses: Iterable[str],
+    scenario: str,
+    metadata: Metadata,
+    attachments: Mapping[str, bytes] | None = None,
+) -> None:
     """Write a log; the same arguments give the same bytes.
 
     Args:
@@ -24,12 +31,15 @@ def write(out: Path, frames: Iterable[Frame], buses: Iterable[str], scenario: st
         buses: names of all buses.
         scenario: as TOML.
         metadata: values by key, by the name of the record: run, result.
+        attachments: what else is attached: content by name. Nothing in the log tells which bus a DBC file is for.
     """
     with out.open("wb") as stream:
         # One chunk of the whole log packs best.
         writer = Writer(stream, chunk_size=1 << 24)
         writer.start("platoon", "platoon")
         writer.add_attachment(0, 0, "scenario.toml", "application/toml", scenario.encode())
+        for name, data in (attachments or {}).items():
+            writer.add_attachment(0, 0, name, "text/plain", data)
         for name, values in metadata.items():
             writer.add_metadata(name, dict(values))
         schema = writer.register_schema(can_frame.NAME, "protobuf", can_frame.SCHEMA)

@@ -24,7 +24,6 @@ UNIX_FROM_S = 631_152_000
 
 _VEHICLE_BUS = re.compile(r"veh([1-9]\d*)")
 _NUMBERED = re.compile(r"(.*?)(\d+)")
-_NO_MESSAGES = 'VERSION ""\n'
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ def import_logs(
     )
     origin_ns = _origin_ns(frames[0][0].time_ns, frames[-1][0].time_ns)
     seen = Counter((bus, frame.log_id) for frame, bus in frames)
-    codecs, attachments = _codecs(sorted({bus for bus, _ in seen}, key=_bus_order), dbc)
+    codecs = _codecs(sorted({bus for bus, _ in seen}, key=_bus_order), dbc)
     left_out = sum((content.left_out for content in contents), Counter[str]())
     sent = sum(content.sent for content in contents)
     metadata = {
@@ -96,7 +95,7 @@ def import_logs(
         "version python-can": version("python-can"),
     }
     with written_aside(target) as path:
-        _write(path, frames, origin_ns, codecs, metadata, attachments)
+        _write(path, frames, origin_ns, codecs, metadata)
     return Imported(
         frames={bus: sum(count for (of, _), count in seen.items() if of == bus) for bus in codecs},
         notes=(
@@ -114,7 +113,6 @@ def _write(
     origin_ns: int,
     codecs: Mapping[str, Codec],
     metadata: Mapping[str, str],
-    attachments: Mapping[str, bytes],
 ) -> None:
     numbers = [int(found[1]) for bus in codecs if (found := _VEHICLE_BUS.fullmatch(bus))]
     with RunWriter(
@@ -123,7 +121,7 @@ def _write(
         truth_names=(),
         vehicles=max((number for number in numbers if number <= MAX_VEHICLES), default=0),
         metadata=metadata,
-        attachments=attachments,
+        attachments={},
     ) as writer:
         for frame, bus in frames:
             writer.frame(bus, frame.time_ns - origin_ns, frame.log_id, frame.data, frame.time_ns)
@@ -177,8 +175,8 @@ def _origin_ns(first_ns: int, last_ns: int) -> int:
     return origin_ns
 
 
-def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> tuple[dict[str, Codec], dict[str, bytes]]:
-    """Return the codec of each bus, without messages where there is no DBC, and the DBC files to attach.
+def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> dict[str, Codec]:
+    """Return the codec of each bus, without messages where there is no DBC.
 
     Raises:
         BadInput: a DBC file cannot be used, or is for a bus that is not there.
@@ -194,8 +192,7 @@ def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> tuple[dict[str, Codec],
         else:
             raise BadInput(f"--dbc {given}: there is no bus {bus}; there are {', '.join(buses)}")
     paths = {bus: for_one.get(bus) or for_all or _own_dbc(bus) for bus in buses}
-    codecs = {bus: Codec(path) if path else Codec.from_text(_NO_MESSAGES) for bus, path in paths.items()}
-    return codecs, {path.name: path.read_bytes() for path in paths.values() if path}
+    return {bus: Codec(path) if path else Codec.without_messages() for bus, path in paths.items()}
 
 
 def _own_dbc(bus: str) -> Path | None:

@@ -114,7 +114,7 @@ def edited(name, *changes):
     for before, after in changes:
         assert before in text
         text = text.replace(before, after)
-    return Codec.from_text(text)
+    return Codec.from_bytes(text.encode(), "test.dbc")
 
 
 def test_an_overloaded_bus_is_refused_with_what_helps():
