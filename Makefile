@@ -24,7 +24,7 @@ SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbo
 	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run check test coverage nightly lint docs dist bench references clean
+.PHONY: setup run check test coverage nightly lint lint-c lint-js docs dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -52,11 +52,34 @@ coverage: setup $(DEVELOP)
 nightly: setup $(DEVELOP)
 	$(PYTEST) -m nightly $(PYTEST_ARGS)
 
-lint: $(LINTERS)
+lint: $(LINTERS) lint-c lint-js
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# Each folder as its own build compiles it; cantools writes what the tracker includes.
+lint-c: TIDY = $(BIN)/clang-tidy --quiet
+lint-c: WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wshadow
+lint-c: HEADERS = $$(echo $(VENV)/lib/python3*/site-packages/fmpy/c-code)
+lint-c: HOSTS = tests/platoon_fmu
+lint-c: $(LINTERS)
+	$(BIN)/clang-format --dry-run --Werror $$(git ls-files '*.c' '*.h')
+	@$(MAKE) -s -C bench/examples/tracker BUILD=$(CURDIR)/build/lint PYTHON=$(CURDIR)/$(BIN)/python \
+		$(CURDIR)/build/lint/messages.h
+	$(TIDY) platoon_fmu/fmi/*.c -- -std=c99 $(WARNINGS) -isystem $(HEADERS)
+	$(TIDY) bench/examples/tracker/*.c -- -std=c11 -D_DEFAULT_SOURCE $(WARNINGS) -isystem build/lint
+	$(TIDY) bench/benchmarks/*.c -- -std=c11 $(WARNINGS) -isystem $(HEADERS) -Iplatoon_fmu/fmi
+	$(TIDY) $(HOSTS)/host/*.c -- -std=c11 -D_POSIX_C_SOURCE=200809L $(WARNINGS) -isystem $(HEADERS)
+	$(TIDY) $(HOSTS)/faulty/*.c -- -std=c11 $(WARNINGS) -isystem $(HEADERS)
+	$(TIDY) $(HOSTS)/platform_host.c -- -std=c99 $(WARNINGS) -isystem $(HEADERS)
+	$(TIDY) $(HOSTS)/platform_host.c -- -std=c99 -DFMI3 $(WARNINGS) -isystem $(HEADERS)
+
+# The page's scripts share one scope, so they are checked as one.
+lint-js: $(LINTERS)
+	@mkdir -p build/lint
+	cat bench/analysis/page/*.js > build/lint/page.js
+	$(BIN)/oxlint --deny-warnings build/lint/page.js
 
 # A page for each module, with a search, all of it readable from the disk. Named one by one, as pdoc leaves out what a
 # package's __all__ does not name.

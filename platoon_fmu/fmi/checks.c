@@ -82,7 +82,8 @@ bool core_set_logging(Instance *instance, const Rule *rule, bool on, size_t n, c
         } else if (strcmp(name, "logAll") == 0) {
             chosen |= LOG_ERRORS | LOG_EVENTS;
         } else {
-            return core_refuse(instance, rule, "there is no log category %s; allowed: logStatusError, logEvents, logAll.", name);
+            return core_refuse(instance, rule, "there is no log category %s; allowed: logStatusError, logEvents, logAll.",
+                               name);
         }
     }
     instance->logged = on ? chosen : 0;

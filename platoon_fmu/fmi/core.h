@@ -2,8 +2,8 @@
  *
  * The faces (fmi2.c, fmi3.c) translate the standard's functions into these; which call is allowed in which phase is in
  * their tables, as it differs between versions. A function that takes such a rule returns false where it is not allowed
- * now or refuses its arguments; it has then logged the reason and left the instance as it was. All of them refuse a missing instance
- * (there is no log then) and missing arrays. Instances share nothing, so they may live in different threads.
+ * now or refuses its arguments; it has then logged the reason and left the instance as it was. All of them refuse a
+ * missing instance (there is no log then) and missing arrays. Instances share nothing, so they may live in different threads.
  *
  * Value references count through the model's variables (model.h) and then the core's own: time, solver_step,
  * solver_tolerance and, the only integer, solver.
@@ -68,7 +68,8 @@ struct Instance {
     LogSink sink;
     int logged; /* log categories */
     Status status;
-    double *x, *u, *p; /* states, inputs, parameters: in one block */
+    /* States, inputs and parameters, in one block. */
+    double *x, *u, *p;
     double *dx, *y, *jacobian, *seed, *sensitivity, *work; /* follow from the above, or are scratch */
     bool x_current, dx_current, y_current, jacobian_current;
 };

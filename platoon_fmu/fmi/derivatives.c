@@ -61,7 +61,8 @@ bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, cons
     beginning = instance->status.phase == INITIALIZATION;
     for (i = 0; i < n_unknown; i++) {
         if (core_is_unknown(instance, unknowns[i])) continue;
-        return core_refuse(instance, rule, "value reference %u is no unknown (a state, a derivative or an output).", unknowns[i]);
+        return core_refuse(instance, rule, "value reference %u is no unknown (a state, a derivative or an output).",
+                           unknowns[i]);
     }
     for (i = 0; i < n_known; i++) {
         if (column_of(instance, knowns[i]) >= 0) continue;
@@ -94,8 +95,7 @@ bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned 
     const Model *model;
     size_t i;
 
-    if (!core_has_arrays(instance, rule, n, unknowns, orders) ||
-        !core_has_array(instance, rule, n, values)) {
+    if (!core_has_arrays(instance, rule, n, unknowns, orders) || !core_has_array(instance, rule, n, values)) {
         return false;
     }
     model = instance->model;

@@ -74,9 +74,8 @@ const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 
 const char *fmi2GetVersion(void) { return fmi2Version; }
 
-fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID,
-                              fmi2String fmuResourceLocation, const fmi2CallbackFunctions *functions,
-                              fmi2Boolean visible, fmi2Boolean loggingOn) {
+fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2String fmuGUID, fmi2String fmuResourceLocation,
+                              const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean loggingOn) {
     fmi2CallbackFunctions *callbacks;
     Instance *instance;
     /* What prevents an instance is said even where logging is off. */
@@ -101,8 +100,8 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
         return NULL;
     }
     callbacks = malloc(sizeof *callbacks);
-    instance = callbacks ? core_new(&platoon_model, fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION,
-                                    instanceName, to_importer, callbacks)
+    instance = callbacks ? core_new(&platoon_model, fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION, instanceName,
+                                    to_importer, callbacks)
                          : NULL;
     if (!instance) {
         core_refuse(&nobody, &INSTANTIATE, "out of memory.");
@@ -180,7 +179,7 @@ fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
     fmi2Status Function(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, Argument value[]) { \
         (void)vr;                                                                                       \
         (void)value;                                                                                    \
-        return status_of(core_has_none(c, &RULE_OF_IT, nvr));                                   \
+        return status_of(core_has_none(c, &RULE_OF_IT, nvr));                                           \
     }
 
 NO_SUCH_TYPE(fmi2GetBoolean, GET_BOOLEAN, fmi2Boolean)
@@ -212,19 +211,18 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate FMUstate, fmi2Byt
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte serializedState[], size_t size, fmi2FMUstate *FMUstate) {
-    return status_of(core_deserialize(c, &DESERIALIZE, (const unsigned char *)serializedState, size,
-                                                  (State **)FMUstate));
+    return status_of(core_deserialize(c, &DESERIALIZE, (const unsigned char *)serializedState, size, (State **)FMUstate));
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference vUnknown_ref[], size_t nUnknown,
                                         const fmi2ValueReference vKnown_ref[], size_t nKnown, const fmi2Real dvKnown[],
                                         fmi2Real dvUnknown[]) {
-    return status_of(core_differentiate(c, &DIRECTIONAL_DERIVATIVE, false, vUnknown_ref, nUnknown, vKnown_ref,
-                                                    nKnown, dvKnown, dvUnknown));
+    return status_of(
+        core_differentiate(c, &DIRECTIONAL_DERIVATIVE, false, vUnknown_ref, nUnknown, vKnown_ref, nKnown, dvKnown, dvUnknown));
 }
 
-fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
-                                       const fmi2Integer order[], const fmi2Real value[]) {
+fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
+                                       const fmi2Real value[]) {
     (void)vr;
     (void)nvr;
     (void)order;
@@ -235,8 +233,8 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     return fmi2Error;
 }
 
-fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr,
-                                        const fmi2Integer order[], fmi2Real value[]) {
+fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2Integer order[],
+                                        fmi2Real value[]) {
     return status_of(core_time_derivatives(c, &GET_OUTPUT_DERIVATIVES, vr, nvr, order, value));
 }
 

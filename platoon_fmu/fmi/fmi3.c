@@ -130,8 +130,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
                                          fmi3Boolean earlyReturnAllowed,
                                          const fmi3ValueReference requiredIntermediateVariables[],
                                          size_t nRequiredIntermediateVariables, fmi3InstanceEnvironment instanceEnvironment,
-                                         fmi3LogMessageCallback logMessage,
-                                         fmi3IntermediateUpdateCallback intermediateUpdate) {
+                                         fmi3LogMessageCallback logMessage, fmi3IntermediateUpdateCallback intermediateUpdate) {
     Host host = {.environment = instanceEnvironment,
                  .log = logMessage,
                  .intermediate_update = intermediateUpdate,
@@ -221,8 +220,8 @@ fmi3Status fmi3SetFloat64(fmi3Instance i, const fmi3ValueReference valueReferenc
                      core_set(i, &SET_FLOAT64, valueReferences, nValues, values));
 }
 
-fmi3Status fmi3GetInt64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,
-                        fmi3Int64 values[], size_t nValues) {
+fmi3Status fmi3GetInt64(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, fmi3Int64 values[],
+                        size_t nValues) {
     size_t k;
     int value;
 
@@ -249,22 +248,22 @@ fmi3Status fmi3SetInt64(fmi3Instance i, const fmi3ValueReference valueReferences
 }
 
 /* A get and a set of a type that no variable has. */
-#define NO_SUCH_TYPE(Type)                                                                                                  \
-    fmi3Status fmi3Get##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,           \
-                             fmi3##Type values[], size_t nValues) {                                                         \
-        RULE(rule, fmi3Get##Type, ANY_PHASE, ANY_PHASE);                                                                    \
-        (void)valueReferences;                                                                                              \
-        (void)values;                                                                                                       \
-        (void)nValues;                                                                                                      \
-        return status_of(core_has_none(i, &rule, nValueReferences));                                                                    \
-    }                                                                                                                       \
-    fmi3Status fmi3Set##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,           \
-                             const fmi3##Type values[], size_t nValues) {                                                   \
-        RULE(rule, fmi3Set##Type, ANY_PHASE, BETWEEN_CALLS);                                                                \
-        (void)valueReferences;                                                                                              \
-        (void)values;                                                                                                       \
-        (void)nValues;                                                                                                      \
-        return status_of(core_has_none(i, &rule, nValueReferences));                                                                    \
+#define NO_SUCH_TYPE(Type)                                                                                        \
+    fmi3Status fmi3Get##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, \
+                             fmi3##Type values[], size_t nValues) {                                               \
+        RULE(rule, fmi3Get##Type, ANY_PHASE, ANY_PHASE);                                                          \
+        (void)valueReferences;                                                                                    \
+        (void)values;                                                                                             \
+        (void)nValues;                                                                                            \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                              \
+    }                                                                                                             \
+    fmi3Status fmi3Set##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, \
+                             const fmi3##Type values[], size_t nValues) {                                         \
+        RULE(rule, fmi3Set##Type, ANY_PHASE, BETWEEN_CALLS);                                                      \
+        (void)valueReferences;                                                                                    \
+        (void)values;                                                                                             \
+        (void)nValues;                                                                                            \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                              \
     }
 
 NO_SUCH_TYPE(Float32)
@@ -344,15 +343,15 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance i, const fmi3Byte serializedStat
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
                                         const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
                                         size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity) {
-    return status_of(has_values(i, &DIRECTIONAL_DERIVATIVE, nKnowns, nSeed) &&
-                     has_values(i, &DIRECTIONAL_DERIVATIVE, nUnknowns, nSensitivity) &&
-                     core_differentiate(i, &DIRECTIONAL_DERIVATIVE, false, unknowns, nUnknowns, knowns, nKnowns, seed,
-                                        sensitivity));
+    return status_of(
+        has_values(i, &DIRECTIONAL_DERIVATIVE, nKnowns, nSeed) &&
+        has_values(i, &DIRECTIONAL_DERIVATIVE, nUnknowns, nSensitivity) &&
+        core_differentiate(i, &DIRECTIONAL_DERIVATIVE, false, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity));
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance i, const fmi3ValueReference unknowns[], size_t nUnknowns,
-                                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[],
-                                    size_t nSeed, fmi3Float64 sensitivity[], size_t nSensitivity) {
+                                    const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+                                    fmi3Float64 sensitivity[], size_t nSensitivity) {
     return status_of(has_values(i, &ADJOINT_DERIVATIVE, nUnknowns, nSeed) &&
                      has_values(i, &ADJOINT_DERIVATIVE, nKnowns, nSensitivity) &&
                      core_differentiate(i, &ADJOINT_DERIVATIVE, true, unknowns, nUnknowns, knowns, nKnowns, seed, sensitivity));
@@ -366,7 +365,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean *discreteStatesN
                                     fmi3Boolean *nominalsOfContinuousStatesChanged,
                                     fmi3Boolean *valuesOfContinuousStatesChanged, fmi3Boolean *nextEventTimeDefined,
                                     fmi3Float64 *nextEventTime) {
-    const void *places[] = {discreteStatesNeedUpdate, terminateSimulation, nominalsOfContinuousStatesChanged,
+    const void *places[] = {discreteStatesNeedUpdate,        terminateSimulation,  nominalsOfContinuousStatesChanged,
                             valuesOfContinuousStatesChanged, nextEventTimeDefined, nextEventTime};
 
     if (!core_has_places(i, &UPDATE_DISCRETE_STATES, sizeof places / sizeof *places, places)) return fmi3Error;
@@ -478,10 +477,10 @@ static fmi3Status not_provided(fmi3Instance i, const Rule *rule) {
     return fmi3Error;
 }
 
-#define NOT_PROVIDED(Function)                        \
-    fmi3Status Function(fmi3Instance i) {             \
-        RULE(rule, Function, 0, 0);                   \
-        return not_provided(i, &rule);                \
+#define NOT_PROVIDED(Function)            \
+    fmi3Status Function(fmi3Instance i) { \
+        RULE(rule, Function, 0, 0);       \
+        return not_provided(i, &rule);    \
     }
 
 NOT_PROVIDED(fmi3EnterConfigurationMode)
@@ -517,23 +516,22 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance i, fmi3ValueReference depend
 }
 
 /* A function of clocks, with one or two arrays behind the value references. */
-#define NO_CLOCKS_1(Function, First)                                                                              \
-    fmi3Status Function(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,      \
-                        First first[]) {                                                                          \
-        RULE(rule, Function, ANY_PHASE, ANY_PHASE);                                                               \
-        (void)valueReferences;                                                                                    \
-        (void)first;                                                                                              \
+#define NO_CLOCKS_1(Function, First)                                                                                          \
+    fmi3Status Function(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, First first[]) { \
+        RULE(rule, Function, ANY_PHASE, ANY_PHASE);                                                                           \
+        (void)valueReferences;                                                                                                \
+        (void)first;                                                                                                          \
         return status_of(core_has_none(i, &rule, nValueReferences));                                                          \
     }
 
-#define NO_CLOCKS_2(Function, First, Second)                                                                      \
-    fmi3Status Function(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences,      \
-                        First first[], Second second[]) {                                                         \
-        RULE(rule, Function, ANY_PHASE, ANY_PHASE);                                                               \
-        (void)valueReferences;                                                                                    \
-        (void)first;                                                                                              \
-        (void)second;                                                                                             \
-        return status_of(core_has_none(i, &rule, nValueReferences));                                                          \
+#define NO_CLOCKS_2(Function, First, Second)                                                                                \
+    fmi3Status Function(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, First first[], \
+                        Second second[]) {                                                                                  \
+        RULE(rule, Function, ANY_PHASE, ANY_PHASE);                                                                         \
+        (void)valueReferences;                                                                                              \
+        (void)first;                                                                                                        \
+        (void)second;                                                                                                       \
+        return status_of(core_has_none(i, &rule, nValueReferences));                                                        \
     }
 
 NO_CLOCKS_2(fmi3GetIntervalDecimal, fmi3Float64, fmi3IntervalQualifier)

@@ -75,7 +75,8 @@ static void start_afresh(Instance *instance) {
 Instance *core_new(const Model *model, Kind kind, const char *name, LogSink sink, void *host) {
     const size_t n_x = model->n_states;
     const size_t n_known = model->n_inputs + (n_x > model->n_parameters ? n_x : model->n_parameters);
-    const size_t n_scratch = n_x + model->n_outputs + model->most_nonzeros + n_known + core_n_unknowns(model) + SOLVER_WORK(n_x);
+    const size_t n_scratch =
+        n_x + model->n_outputs + model->most_nonzeros + n_known + core_n_unknowns(model) + SOLVER_WORK(n_x);
     const size_t name_size = strlen(name) + 1;
     Instance *instance = calloc(1, sizeof *instance);
 

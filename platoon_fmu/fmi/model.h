@@ -37,8 +37,8 @@ typedef struct {
     void (*derivatives)(const double *x, const double *u, const double *p, double *dx);
     void (*outputs)(const double *x, const double *u, const double *p, double *y);
     void (*fastest)(const double *p, double *rate); /* the fastest decay there can be [1/s] */
-    Jacobian running;   /* columns: states and inputs */
-    Jacobian beginning; /* columns: inputs and parameters, which the states at the start follow */
+    Jacobian running;                               /* columns: states and inputs */
+    Jacobian beginning;                             /* columns: inputs and parameters, which the states at the start follow */
 } Model;
 
 extern const Model platoon_model;

@@ -36,12 +36,11 @@ static const double STAGE[STAGES][STAGES - 1] = {
     {35.0 / 384, 0, 500.0 / 1113, 125.0 / 192, -2187.0 / 6784, 11.0 / 84},
 };
 /* Order 5 less order 4. */
-static const double ERROR[STAGES] = {71.0 / 57600,      0,           -71.0 / 16695, 71.0 / 1920,
-                                     -17253.0 / 339200, 22.0 / 525,  -1.0 / 40};
+static const double ERROR[STAGES] = {71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
 
 /* The error estimate over what is allowed; below 1 the step is good. */
-static double relative_error(const Model *model, const SolverSettings *settings, double dt, const double *x, const double *x_new,
-                             const double *const *k) {
+static double relative_error(const Model *model, const SolverSettings *settings, double dt, const double *x,
+                             const double *x_new, const double *const *k) {
     const size_t n = model->n_states;
     double sum = 0;
     size_t i, j;

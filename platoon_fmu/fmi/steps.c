@@ -76,7 +76,8 @@ bool core_step(Instance *instance, const Rule *rule, double time, double h, Afte
         const double length = advance(instance, &settings, remaining);
 
         if (length == 0) return fail(instance, rule, time, "no step of the adaptive solver is short enough for the tolerance");
-        if (!core_all_finite(instance->x, instance->model->n_states)) return fail(instance, rule, time, "a state is not finite");
+        if (!core_all_finite(instance->x, instance->model->n_states))
+            return fail(instance, rule, time, "a state is not finite");
         done = length == remaining ? wanted : done + length;
         status->time = done == wanted ? end : time + done;
         if (after_step) {

@@ -140,7 +140,7 @@ function fillFollow() {
   select.value = String(animation.follow);
 }
 
-function follow(vehicle) {
+function followVehicle(vehicle) {
   animation.follow = vehicle;
   byId("follow").value = String(vehicle);
   drawAnimation();
@@ -167,7 +167,7 @@ function pressedKey(event) {
     player.pause();
     takeTime(moves[event.key]);
   } else if (event.key === "Escape") setRange(null);
-  else if (/^\d$/.test(event.key) && Number(event.key) <= data.road.vehicles) follow(Number(event.key));
+  else if (/^\d$/.test(event.key) && Number(event.key) <= data.road.vehicles) followVehicle(Number(event.key));
   else return;
   event.preventDefault();
 }
@@ -180,7 +180,7 @@ byId("scrub").addEventListener("input", (event) => {
 byId("speed").addEventListener("change", (event) => {
   player.speed = Number(event.target.value);
 });
-byId("follow").addEventListener("change", (event) => follow(Number(event.target.value)));
+byId("follow").addEventListener("change", (event) => followVehicle(Number(event.target.value)));
 byId("newest").addEventListener("click", goOn);
 byId("reset").addEventListener("click", () => setRange(null));
 addEventListener("keydown", pressedKey);

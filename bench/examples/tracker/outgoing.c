@@ -14,35 +14,34 @@
 
 #define DEFAULT_TIMEOUT_MS 100u /* where the DBC has none */
 
-void fail(const char *what)
-{
+void fail(const char *what) {
     fprintf(stderr, "tracker: %s: %s\n", what, strerror(errno));
     exit(1);
 }
 
-uint16_t data_id_of(uint32_t id)
-{
+uint16_t data_id_of(uint32_t id) {
     switch (id) {
-#define X(can_id, length, data_id, timeout_ms) case can_id: return data_id;
+#define X(can_id, length, data_id, timeout_ms) \
+    case can_id: return data_id;
         PROTECTED_MESSAGES(X)
 #undef X
+        default: return 0;
     }
-    return 0;
 }
 
-unsigned timeout_of(uint32_t id)
-{
+unsigned timeout_of(uint32_t id) {
     unsigned timeout = 0;
     switch (id) {
-#define X(can_id, length, data_id, timeout_ms) case can_id: timeout = timeout_ms; break;
+#define X(can_id, length, data_id, timeout_ms) \
+    case can_id: timeout = timeout_ms; break;
         PROTECTED_MESSAGES(X)
 #undef X
+        default: break;
     }
     return timeout > 0 ? timeout : DEFAULT_TIMEOUT_MS;
 }
 
-static void send_frame(struct outgoing out, uint32_t id, const uint8_t *data, uint8_t length)
-{
+static void send_frame(struct outgoing out, uint32_t id, const uint8_t *data, uint8_t length) {
     struct can_frame frame = {.can_id = id, .can_dlc = length};
     memcpy(frame.data, data, length);
     if (write(out.socket, &frame, sizeof frame) != (ssize_t)sizeof frame) {
@@ -50,14 +49,12 @@ static void send_frame(struct outgoing out, uint32_t id, const uint8_t *data, ui
     }
 }
 
-static void send_protected(struct outgoing out, uint32_t id, uint8_t *data, uint8_t length)
-{
+static void send_protected(struct outgoing out, uint32_t id, uint8_t *data, uint8_t length) {
     e2e_protect(data, length, data_id_of(id), out.cycle);
     send_frame(out, id, data, length);
 }
 
-void send_commands(struct outgoing out, struct command command, enum worth worth)
-{
+void send_commands(struct outgoing out, struct command command, enum worth worth) {
     uint8_t data[CAN_MAX_DLEN];
     struct vehicle_steering_command_t steering = {
         .steering_angle = vehicle_steering_command_steering_angle_encode(command.steering_angle),
@@ -81,8 +78,7 @@ void send_commands(struct outgoing out, struct command command, enum worth worth
     send_protected(out, VEHICLE_TORQUE_COMMAND_REAR_FRAME_ID, data, VEHICLE_TORQUE_COMMAND_REAR_LENGTH);
 }
 
-void send_status(struct outgoing out, enum ecu_state state)
-{
+void send_status(struct outgoing out, enum ecu_state state) {
     uint8_t data[CAN_MAX_DLEN];
     struct vehicle_tracker_status_t status;
     vehicle_tracker_status_init(&status);
@@ -91,8 +87,7 @@ void send_status(struct outgoing out, enum ecu_state state)
     send_frame(out, VEHICLE_TRACKER_STATUS_FRAME_ID, data, VEHICLE_TRACKER_STATUS_LENGTH);
 }
 
-static void send_bus_health(struct outgoing out, struct health health)
-{
+static void send_bus_health(struct outgoing out, struct health health) {
     uint8_t data[CAN_MAX_DLEN];
     struct vehicle_tracker_bus_health_t message;
     vehicle_tracker_bus_health_init(&message);
@@ -104,8 +99,7 @@ static void send_bus_health(struct outgoing out, struct health health)
 }
 
 /* In virtual time the others wait for every frame that is due, so what there is nothing to say about has start values. */
-void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health)
-{
+void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health) {
     static const struct {
         uint32_t id;
         uint32_t cycle_ms;

@@ -36,7 +36,7 @@ struct outgoing {
 };
 
 /* Says on standard error what went wrong (errno), and ends with exit code 1. */
-void fail(const char *what);
+_Noreturn void fail(const char *what);
 
 /* The E2E data id of a message; 0 where it is not protected. */
 uint16_t data_id_of(uint32_t id);

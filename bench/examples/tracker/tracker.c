@@ -30,9 +30,9 @@
 #include "outgoing.h"
 #include "vehicle.h"
 
-#define WAIT_PERIOD_MS 100     /* between two signs of life before the first BenchSync */
-#define INPUT_WAIT_MS 5        /* in real time, for the inputs after BenchSync */
-#define SILENCE_MS 10000       /* without a frame once the bench runs: it is gone */
+#define WAIT_PERIOD_MS 100 /* between two signs of life before the first BenchSync */
+#define INPUT_WAIT_MS 5    /* in real time, for the inputs after BenchSync */
+#define SILENCE_MS 10000   /* without a frame once the bench runs: it is gone */
 
 /* The DBC's value table of Command. */
 enum sync_command { SYNC_STOP = 0, SYNC_RUN = 1, SYNC_RUN_REALTIME = 2 };
@@ -56,20 +56,19 @@ struct tracker {
     int socket;
     struct input inputs[INPUTS];
     struct e2e_receiver sync, absent;
-    bool heard;    /* a BenchSync has come */
-    bool open;     /* the cycle waits for its step */
+    bool heard; /* a BenchSync has come */
+    bool open;  /* the cycle waits for its step */
     bool realtime;
     uint32_t cycle;
     int64_t opened_ms;
     bool has_reference;
     struct motion reference;
-    unsigned held_ms; /* since the last reference to be used */
-    unsigned errors;           /* frames refused */
-    unsigned errors_at_sync;   /* the same at the newest BenchSync: what this cycle reports */
+    unsigned held_ms;        /* since the last reference to be used */
+    unsigned errors;         /* frames refused */
+    unsigned errors_at_sync; /* the same at the newest BenchSync: what this cycle reports */
 };
 
-static int64_t now_ms(void)
-{
+static int64_t now_ms(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
@@ -78,8 +77,7 @@ static int64_t now_ms(void)
 /* --- one cycle --- */
 
 /* Takes in the reference; the state that follows from it. */
-static enum ecu_state take_reference(struct tracker *tracker)
-{
+static enum ecu_state take_reference(struct tracker *tracker) {
     const struct input *input = &tracker->inputs[REFERENCE];
     if (input->fresh) {
         struct vehicle_reference_t frame;
@@ -101,8 +99,7 @@ static enum ecu_state take_reference(struct tracker *tracker)
 }
 
 /* Brings up to this cycle how each input is received. */
-static void age_inputs(struct tracker *tracker)
-{
+static void age_inputs(struct tracker *tracker) {
     for (int i = 0; i < INPUTS; i++) {
         struct input *input = &tracker->inputs[i];
         if (input->fresh) {
@@ -123,8 +120,7 @@ static void age_inputs(struct tracker *tracker)
     }
 }
 
-static void end_cycle(struct tracker *tracker)
-{
+static void end_cycle(struct tracker *tracker) {
     for (int i = 0; i < INPUTS; i++) {
         tracker->inputs[i].fresh = tracker->inputs[i].settled = false;
     }
@@ -132,14 +128,12 @@ static void end_cycle(struct tracker *tracker)
 }
 
 /* Leaves a cycle out that the others have gone through without this ECU. */
-static void skip_cycle(struct tracker *tracker)
-{
+static void skip_cycle(struct tracker *tracker) {
     age_inputs(tracker);
     end_cycle(tracker);
 }
 
-static void step(struct tracker *tracker)
-{
+static void step(struct tracker *tracker) {
     age_inputs(tracker);
     enum ecu_state state = take_reference(tracker);
     struct command command = {0};
@@ -172,8 +166,7 @@ static void step(struct tracker *tracker)
 /* --- receiving --- */
 
 /* Takes a BenchSync; whether it says Stop. */
-static bool take_sync(struct tracker *tracker, const struct can_frame *frame)
-{
+static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
     size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
     enum e2e_status status = e2e_check(&tracker->sync, frame->data, length);
     tracker->errors += status != E2E_OK;
@@ -197,8 +190,7 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame)
     return false;
 }
 
-static void take_absent(struct tracker *tracker, const struct can_frame *frame)
-{
+static void take_absent(struct tracker *tracker, const struct can_frame *frame) {
     if (frame->can_dlc != VEHICLE_BENCH_ABSENT_LENGTH ||
         e2e_check(&tracker->absent, frame->data, frame->can_dlc) == E2E_ERROR) {
         tracker->errors++;
@@ -217,8 +209,7 @@ static void take_absent(struct tracker *tracker, const struct can_frame *frame)
     }
 }
 
-static void take_input(struct tracker *tracker, struct input *input, const struct can_frame *frame)
-{
+static void take_input(struct tracker *tracker, struct input *input, const struct can_frame *frame) {
     size_t length = frame->can_dlc == input->length ? frame->can_dlc : 0;
     enum e2e_status status = e2e_check(&input->receiver, frame->data, length);
     bool of_this_cycle = tracker->open && input->receiver.counter == (int)(tracker->cycle % E2E_COUNTER_MODULUS);
@@ -242,8 +233,7 @@ static void take_input(struct tracker *tracker, struct input *input, const struc
     }
 }
 
-static bool is_complete(const struct tracker *tracker)
-{
+static bool is_complete(const struct tracker *tracker) {
     for (int i = 0; i < INPUTS; i++) {
         if (!tracker->inputs[i].settled) {
             return false;
@@ -253,8 +243,7 @@ static bool is_complete(const struct tracker *tracker)
 }
 
 /* Takes one frame; whether the bench has stopped. */
-static bool take(struct tracker *tracker, const struct can_frame *frame)
-{
+static bool take(struct tracker *tracker, const struct can_frame *frame) {
     if (frame->can_id == VEHICLE_BENCH_SYNC_FRAME_ID) {
         return take_sync(tracker, frame);
     }
@@ -270,22 +259,21 @@ static bool take(struct tracker *tracker, const struct can_frame *frame)
 }
 
 /* Takes all frames that have come, before any step: what was waited for may be past. Whether the bench has stopped. */
-static bool take_all(struct tracker *tracker)
-{
+static bool take_all(struct tracker *tracker) {
     struct can_frame frame;
-    while (recv(tracker->socket, &frame, sizeof frame, MSG_DONTWAIT) == (ssize_t)sizeof frame) {
+    ssize_t got;
+    while ((got = recv(tracker->socket, &frame, sizeof frame, MSG_DONTWAIT)) == (ssize_t)sizeof frame) {
         if (take(tracker, &frame)) {
             return true;
         }
     }
-    if (errno != EAGAIN && errno != EINTR) {
+    if (got < 0 && errno != EAGAIN && errno != EINTR) {
         fail("no frames can be received");
     }
     return false;
 }
 
-static int wait_ms(const struct tracker *tracker)
-{
+static int wait_ms(const struct tracker *tracker) {
     if (!tracker->heard) {
         return WAIT_PERIOD_MS;
     }
@@ -297,8 +285,7 @@ static int wait_ms(const struct tracker *tracker)
 }
 
 /* Serves until the bench stops; the exit code. */
-static int serve(struct tracker *tracker)
-{
+static int serve(struct tracker *tracker) {
     struct pollfd waiting = {.fd = tracker->socket, .events = POLLIN};
     int64_t next_sign_ms = 0;
     for (;;) {
@@ -325,14 +312,12 @@ static int serve(struct tracker *tracker)
     }
 }
 
-static void init_input(struct input *input, uint32_t id, uint8_t length)
-{
+static void init_input(struct input *input, uint32_t id, uint8_t length) {
     *input = (struct input){.id = id, .length = length, .timeout_ms = timeout_of(id), .refused = RECEPTION_OK};
     e2e_receiver_init(&input->receiver, data_id_of(id));
 }
 
-static int open_link(const char *link)
-{
+static int open_link(const char *link) {
     int can = socket(PF_CAN, SOCK_RAW, CAN_RAW);
     if (can < 0) {
         fail("this kernel has no SocketCAN");
@@ -355,8 +340,7 @@ static int open_link(const char *link)
     return can;
 }
 
-int main(int argc, char **argv)
-{
+int main(int argc, char **argv) {
     if (argc != 2) {
         fprintf(stderr, "usage: tracker LINK    e.g. tracker vcan1 for vehicle 1\n");
         return 2;

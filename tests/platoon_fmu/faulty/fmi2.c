@@ -118,7 +118,7 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
 }
 
 fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean final, fmi2Boolean *event, fmi2Boolean *end) {
-    (void)c, (void)final;
+    (void)c, (void) final;
     *event = *end = fmi2False;
     return fmi2OK;
 }
@@ -152,7 +152,7 @@ fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real nominal[]
 /* ---- Co-Simulation ---- */
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean final) {
-    (void)time, (void)final;
+    (void)time, (void) final;
     model_step(c, h);
     return fmi2OK;
 }
@@ -161,7 +161,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real h, fmi2Boolean fi
 
 fmi2Status fmi2SetDebugLogging(void) { return fmi2OK; }
 
-#define NOT_THERE(function) fmi2Status function(void) { return fmi2Error; }
+#define NOT_THERE(function) \
+    fmi2Status function(void) { return fmi2Error; }
 
 NOT_THERE(fmi2GetInteger)
 NOT_THERE(fmi2GetBoolean)

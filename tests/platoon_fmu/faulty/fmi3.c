@@ -17,8 +17,8 @@ fmi3Instance fmi3InstantiateCoSimulation(void) { return instance(); }
 fmi3Instance fmi3InstantiateScheduledExecution(void) { return NULL; }
 void fmi3FreeInstance(fmi3Instance m) { free(m); }
 
-fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
-                                       fmi3Float64 start, fmi3Boolean stop_defined, fmi3Float64 stop) {
+fmi3Status fmi3EnterInitializationMode(fmi3Instance m, fmi3Boolean tolerance_defined, fmi3Float64 tolerance, fmi3Float64 start,
+                                       fmi3Boolean stop_defined, fmi3Float64 stop) {
     (void)tolerance_defined, (void)tolerance, (void)stop_defined, (void)stop;
     ((Model *)m)->value[TIME] = start;
     return fmi3OK;
@@ -45,8 +45,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t 
     return count ? fmi3Error : fmi3OK;
 }
 
-fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[],
-                          size_t count) {
+fmi3Status fmi3SetFloat64(fmi3Instance m, const fmi3ValueReference vr[], size_t n, const fmi3Float64 value[], size_t count) {
     for (size_t i = 0; i < n; i++) {
         if (!model_can_set(vr[i])) return fmi3Error;
         model_set(m, vr[i], value[i]);
@@ -94,8 +93,8 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance m, const fmi3Byte bytes[], size_
 }
 
 fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t m,
-                                        const fmi3ValueReference knowns[], size_t n, const fmi3Float64 seed[],
-                                        size_t seeds, fmi3Float64 sensitivity[], size_t count) {
+                                        const fmi3ValueReference knowns[], size_t n, const fmi3Float64 seed[], size_t seeds,
+                                        fmi3Float64 sensitivity[], size_t count) {
     for (size_t i = 0; i < m; i++) {
         for (size_t k = 0; k < elements(unknowns[i]); k++, count--, sensitivity++) {
             *sensitivity = 0;
@@ -106,8 +105,8 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
 }
 
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknowns[], size_t m,
-                                    const fmi3ValueReference knowns[], size_t n, const fmi3Float64 seed[],
-                                    size_t seeds, fmi3Float64 sensitivity[], size_t count) {
+                                    const fmi3ValueReference knowns[], size_t n, const fmi3Float64 seed[], size_t seeds,
+                                    fmi3Float64 sensitivity[], size_t count) {
     for (size_t j = 0; j < n; j++) {
         const fmi3Float64 *s = seed;
 
@@ -146,7 +145,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance m, fmi3Boolean *again, fmi3Bool
 }
 
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance m, fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *end) {
-    (void)m, (void)final;
+    (void)m, (void) final;
     *event = *end = fmi3False;
     return fmi3OK;
 }
@@ -173,9 +172,9 @@ fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance m, fmi3Float64 dx[], s
 
 /* ---- Co-Simulation ---- */
 
-fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 h, fmi3Boolean final, fmi3Boolean *event,
-                      fmi3Boolean *end, fmi3Boolean *early, fmi3Float64 *last) {
-    (void)final;
+fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 h, fmi3Boolean final, fmi3Boolean *event, fmi3Boolean *end,
+                      fmi3Boolean *early, fmi3Float64 *last) {
+    (void) final;
     model_step(m, h);
     *event = *end = *early = fmi3False;
     *last = time + h;
@@ -184,7 +183,8 @@ fmi3Status fmi3DoStep(fmi3Instance m, fmi3Float64 time, fmi3Float64 h, fmi3Boole
 
 /* ---- what the model does not have ---- */
 
-#define NOT_THERE(function) fmi3Status function(void) { return fmi3Error; }
+#define NOT_THERE(function) \
+    fmi3Status function(void) { return fmi3Error; }
 
 NOT_THERE(fmi3ActivateModelPartition)
 NOT_THERE(fmi3EnterConfigurationMode)

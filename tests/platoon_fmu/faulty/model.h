@@ -35,7 +35,7 @@ static inline void model_initialise(Model *m) {
     (void)v;
 }
 
-static inline double model_get(Model *m, unsigned reference) {
+static inline double model_get(Model *m, size_t reference) {
     double *value = m->value, v = VELOCITY(m);
 
     value[V] = v;
@@ -58,36 +58,39 @@ static inline double model_get(Model *m, unsigned reference) {
 
 static inline int model_can_set(unsigned reference) { return reference <= V || reference == U || reference == K; }
 
-static inline void model_set(Model *m, unsigned reference, double value) {
+static inline void model_set(Model *m, size_t reference, double value) {
     if (reference == V) VELOCITY(m) = value;
     m->value[reference] = value;
 }
 
-static inline double model_partial(Model *m, unsigned unknown, unsigned known) {
+static inline double model_partial(Model *m, size_t unknown, size_t known) {
     double x = m->value[X], v = VELOCITY(m);
 
     switch (unknown * VALUES + known) {
-    case X * VALUES + X: case V * VALUES + V: case W1 * VALUES + X: case W2 * VALUES + V: return 1.0;
-    case DER_X * VALUES + V: return 1.0;
-    case DER_V * VALUES + X: return -m->value[K];
+        case X *VALUES + X:
+        case V *VALUES + V:
+        case W1 *VALUES + X:
+        case W2 *VALUES + V: return 1.0;
+        case DER_X *VALUES + V: return 1.0;
+        case DER_V *VALUES + X: return -m->value[K];
 #ifndef FAULT_DAMPING
-    case DER_V * VALUES + V: return -0.6 * v * v;
+        case DER_V *VALUES + V: return -0.6 * v * v;
 #endif
-    case DER_V * VALUES + U: return 1.0;
+        case DER_V *VALUES + U: return 1.0;
 #ifdef WITH_KINK
-    case Y * VALUES + X: return 2 * x + (x > 1) - (x < 1);
+        case Y *VALUES + X: return 2 * x + (x > 1) - (x < 1);
 #else
-    case Y * VALUES + X: return 2 * x;
+        case Y *VALUES + X: return 2 * x;
 #endif
 #ifdef FAULT_DEPENDENCY
-    case Y * VALUES + V: return 0.1;
+        case Y *VALUES + V: return 0.1;
 #endif
 #ifdef FAULT_DERIVATIVE
-    case Y * VALUES + U: return 1.0;
+        case Y *VALUES + U: return 1.0;
 #else
-    case Y * VALUES + U: return 0.5;
+        case Y *VALUES + U: return 0.5;
 #endif
-    default: return 0.0;
+        default: return 0.0;
     }
 }
 
@@ -99,7 +102,8 @@ static inline void model_step(Model *m, double h) {
     *(volatile int *)8 = 1;
 #endif
 #ifdef FAULT_HANG
-    for (volatile int forever = 1; forever;) {}
+    for (volatile int forever = 1; forever;) {
+    }
 #endif
     for (int i = 0; i < steps; i++) {
         double dx = model_get(m, DER_X), dv = model_get(m, DER_V);

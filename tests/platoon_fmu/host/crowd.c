@@ -108,7 +108,7 @@ void threads(const Subject *subject, int number) {
     int i;
 
     for (i = 0; i < N_THREADS; i++) {
-        parts[i] = (Part){subject, together + i * number, i * number, number};
+        parts[i] = (Part){subject, together + (ptrdiff_t)i * number, i * number, number};
         if (pthread_create(&ids[i], NULL, walk_part, &parts[i]) != 0) abort();
     }
     for (i = 0; i < N_THREADS; i++) pthread_join(ids[i], NULL);

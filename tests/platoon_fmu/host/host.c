@@ -170,8 +170,8 @@ int main(int argc, char **argv) {
     static const struct {
         const char *name;
         void (*run)(const Subject *subject, int number);
-    } SCENARIOS[] = {{"life", life},         {"misuse", misuse}, {"damage", damage},   {"no_memory", no_memory},
-                     {"growth", growth},     {"crowd", crowd},   {"threads", threads}};
+    } SCENARIOS[] = {{"life", life},     {"misuse", misuse}, {"damage", damage},  {"no_memory", no_memory},
+                     {"growth", growth}, {"crowd", crowd},   {"threads", threads}};
     static Subject subject;
     void *library;
     size_t i;

@@ -39,8 +39,8 @@ typedef struct {
     void *instance; /* the FMU's, NULL where there is none */
     void *own;      /* of host2.c or host3.c */
     double time;
-    bool aloud;      /* prints what the FMU logs */
-    char said[500];  /* the last message */
+    bool aloud;     /* prints what the FMU logs */
+    char said[500]; /* the last message */
 } Fmu;
 
 /* ---- host.c ---- */

@@ -10,6 +10,8 @@
 #include "host.h"
 
 /* Every function of the standard. */
+/* Formatted by hand: clang-format would indent each line more than the last. */
+/* clang-format off */
 #define FUNCTIONS(F)                                                                                                      \
     F(GetTypesPlatform) F(GetVersion) F(SetDebugLogging) F(Instantiate) F(FreeInstance) F(SetupExperiment)                \
     F(EnterInitializationMode) F(ExitInitializationMode) F(Terminate) F(Reset) F(GetReal) F(GetInteger) F(GetBoolean)     \
@@ -19,6 +21,7 @@
     F(GetDerivatives) F(GetEventIndicators) F(GetContinuousStates) F(GetNominalsOfContinuousStates)                       \
     F(SetRealInputDerivatives) F(GetRealOutputDerivatives) F(DoStep) F(CancelStep) F(GetStatus) F(GetRealStatus)          \
     F(GetIntegerStatus) F(GetBooleanStatus) F(GetStringStatus)
+/* clang-format on */
 
 /* Written once, before any thread starts. */
 static struct {
@@ -27,11 +30,11 @@ static struct {
 } fmi;
 
 void fmu_load(void *library) {
-#define LOOK_UP(name)                                            \
-    *(void **)(&fmi.name) = dlsym(library, "fmi2" #name);        \
-    if (!fmi.name) {                                             \
-        printf("failed: fmi2" #name ": not in the binary\n");    \
-        exit(1);                                                 \
+#define LOOK_UP(name)                                         \
+    *(void **)(&fmi.name) = dlsym(library, "fmi2" #name);     \
+    if (!fmi.name) {                                          \
+        printf("failed: fmi2" #name ": not in the binary\n"); \
+        exit(1);                                              \
     }
     FUNCTIONS(LOOK_UP)
 }
@@ -79,7 +82,8 @@ Status fmu_set_logging(Fmu *fmu, bool on, size_t n, const char *const *categorie
 }
 
 Status fmu_initialize(Fmu *fmu, double start_time, double stop_time, double tolerance) {
-    const Status status = (Status)fmi.SetupExperiment(fmu->instance, fmi2True, tolerance, start_time, !isinf(stop_time), stop_time);
+    const Status status =
+        (Status)fmi.SetupExperiment(fmu->instance, fmi2True, tolerance, start_time, !isinf(stop_time), stop_time);
 
     return status == OK ? (Status)fmi.EnterInitializationMode(fmu->instance) : status;
 }

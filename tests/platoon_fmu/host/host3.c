@@ -9,6 +9,8 @@
 #include "host.h"
 
 /* The functions of the standard that the host calls. */
+/* Formatted by hand: clang-format would indent each line more than the last. */
+/* clang-format off */
 #define FUNCTIONS(F)                                                                                                      \
     F(GetVersion) F(SetDebugLogging) F(InstantiateModelExchange) F(InstantiateCoSimulation)                               \
     F(InstantiateScheduledExecution) F(FreeInstance) F(EnterInitializationMode) F(ExitInitializationMode) F(Terminate)    \
@@ -19,6 +21,7 @@
     F(GetContinuousStateDerivatives) F(GetEventIndicators) F(GetContinuousStates) F(GetNominalsOfContinuousStates)        \
     F(GetNumberOfEventIndicators) F(GetNumberOfContinuousStates) F(GetOutputDerivatives) F(DoStep)                        \
     F(EnterConfigurationMode) F(EnterStepMode) F(ActivateModelPartition)
+/* clang-format on */
 
 /* Written once, before any thread starts. */
 static struct {
@@ -27,11 +30,11 @@ static struct {
 } fmi;
 
 void fmu_load(void *library) {
-#define LOOK_UP(name)                                            \
-    *(void **)(&fmi.name) = dlsym(library, "fmi3" #name);        \
-    if (!fmi.name) {                                             \
-        printf("failed: fmi3" #name ": not in the binary\n");    \
-        exit(1);                                                 \
+#define LOOK_UP(name)                                         \
+    *(void **)(&fmi.name) = dlsym(library, "fmi3" #name);     \
+    if (!fmi.name) {                                          \
+        printf("failed: fmi3" #name ": not in the binary\n"); \
+        exit(1);                                              \
     }
     FUNCTIONS(LOOK_UP)
 }
@@ -251,16 +254,21 @@ static void instantiate_wrongly(const Subject *subject) {
     prepare(&fmu, subject, CO_SIMULATION);
     refused(&fmu, "instantiate with an event mode",
             fmi.InstantiateCoSimulation("car", subject->token, NULL, false, true, true, false, NULL, 0, &fmu, listen, NULL)
-                ? OK : ERROR);
-    refused(&fmu, "instantiate with an input as intermediate variable",
-            fmi.InstantiateCoSimulation("car", subject->token, NULL, false, true, false, false, &friction, 1, &fmu, listen, NULL)
-                ? OK : ERROR);
+                ? OK
+                : ERROR);
+    refused(
+        &fmu, "instantiate with an input as intermediate variable",
+        fmi.InstantiateCoSimulation("car", subject->token, NULL, false, true, false, false, &friction, 1, &fmu, listen, NULL)
+            ? OK
+            : ERROR);
     refused(&fmu, "instantiate without the intermediate variables",
             fmi.InstantiateCoSimulation("car", subject->token, NULL, false, true, false, false, NULL, 1, &fmu, listen, NULL)
-                ? OK : ERROR);
+                ? OK
+                : ERROR);
     refused(&fmu, "instantiate for scheduled execution",
             fmi.InstantiateScheduledExecution("car", subject->token, NULL, false, true, &fmu, listen, NULL, NULL, NULL)
-                ? OK : ERROR);
+                ? OK
+                : ERROR);
     refused(&fmu, "instantiate without a log",
             fmi.InstantiateModelExchange("car", "{}", NULL, false, true, NULL, NULL) ? OK : ERROR);
 }

@@ -50,7 +50,7 @@ static unsigned char *serialized(Fmu *fmu, void *state, size_t *size, const char
     must(fmu, fmu_serialized_size(fmu, state, size), "ask for the state's size");
     bytes = malloc(*size);
     must(fmu, bytes ? fmu_serialize(fmu, state, bytes, *size) : ERROR, "serialize the state");
-    print_bytes(label, bytes, *size);
+    if (bytes) print_bytes(label, bytes, *size);
     return bytes;
 }
 

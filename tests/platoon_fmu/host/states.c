@@ -68,7 +68,8 @@ void damage(const Subject *subject, int number) {
     refused(&fmu, "two in one", fmu_deserialize(&fmu, good.bytes, 2 * good.size, &state));
     memset(other.bytes, 0, other.size);
     refused(&fmu, "zeros", fmu_deserialize(&fmu, other.bytes, other.size, &state));
-    refused(&fmu, "a state from the other kind", (must(&stranger, fmu_save(&stranger, &state), "save"), fmu_restore(&fmu, state)));
+    refused(&fmu, "a state from the other kind",
+            (must(&stranger, fmu_save(&stranger, &state), "save"), fmu_restore(&fmu, state)));
     must(&stranger, fmu_discard(&stranger, &state), "discard");
 
     print_unknowns(&fmu, "before");
