@@ -132,3 +132,26 @@ def test_a_damaged_frame_does_not_move_the_sequence():
 def test_a_wider_step_is_taken_where_it_is_allowed():
     receiver = Receiver(ID, max_step=3)
     assert [receiver.check(frame(c)) for c in (0, 3, 7)] == [Status.OK, Status.OK, Status.WRONG_SEQUENCE]
+
+
+def test_the_tables_are_those_of_the_polynomial():
+    """They are made when the module is imported; made again here, so that a mutant of what makes them shows."""
+    assert e2e._crc_table() == e2e.CRC_TABLE
+    assert e2e._again(e2e.CRC_TABLE) == e2e._AFTER_2
+
+
+@pytest.mark.parametrize("counter", [0, 14])
+def test_the_shortest_frame_has_two_bytes(counter):
+    assert e2e.check(frame(counter, payload=bytes(2)), ID)
+
+
+def test_every_refused_frame_counts_and_the_age_is_that_of_the_last_good_one():
+    receiver = Receiver(ID)
+    assert (receiver.age, receiver.errors) == (0, 0)
+    receiver.missed()
+    assert receiver.age == 1
+    assert receiver.check(frame(0)) is Status.OK
+    assert receiver.age == 0
+    for errors in (1, 2, 3):
+        assert receiver.check(frame(0)) is Status.REPEATED
+        assert receiver.errors == errors
