@@ -73,13 +73,9 @@ def live_data(run: Run) -> PageData:
     }
 
 
-def events_of(events: Iterable[Event], span: Span | None = None) -> list[list[Any]]:
-    """Return events, all or those of a span of time, as rows of time in s, level, source and text."""
-    return [
-        [event.time_s, event.level, event.source, event.text]
-        for event in events
-        if span is None or span[0] <= event.time_s < span[1]
-    ]
+def events_of(events: Iterable[Event], span: Span | None = None) -> list[dict[str, Any]]:
+    """Return events, all or those of a span of time, by the names that `Event` has for what they are made of."""
+    return [asdict(event) for event in events if span is None or span[0] <= event.time_s < span[1]]
 
 
 def _head(run: Run) -> PageData:

@@ -19,6 +19,7 @@ from pydantic import TypeAdapter, ValidationError
 from bench.conductor.seats import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
+from bench.events import FaultBegins, FaultEnds, FaultRequested
 from bench.faults.base import Fault
 from bench.faults.kinds import AnyFault, kinds
 from bench.faults.plan import FaultBoard, FaultPlan
@@ -28,9 +29,6 @@ if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
-ASKED_FOR = "asked for while running: "
-"""What the event of a fault typed into a running bench begins with; the fault follows, whole, as JSON."""
-
 _ANSWER_S = 10.0
 _MOST_BYTES = 65536
 _CREDENTIALS = struct.Struct("=3i")
@@ -89,14 +87,14 @@ class FaultDesk:
             return
         for index, fault in enumerate(self.plan.faults):
             window = self.plan.window(index)
-            target = f"{fault.name()}: {fault.target()}" if fault.target() else fault.name()
+            what = fault.name(), fault.parameters()
             if cycle >= window.first and (index, True) not in self._told:
                 self._told.add((index, True))
-                until = "the end" if window.end is None else f"{time_of(window.end):g} s"
-                recorder.event(cycle, "warning", "fault", f"{target} begins, until {until}")
+                until_s = None if window.end is None else time_of(window.end)
+                recorder.event(cycle, FaultBegins(*what, until_s))
             if window.end is not None and cycle >= window.end and (index, False) not in self._told:
                 self._told.add((index, False))
-                recorder.event(cycle, "warning", "fault", f"{target} ends")
+                recorder.event(cycle, FaultEnds(*what))
 
     def _serve(self, cycle: int, recorder: "Recorder") -> None:
         if self._socket is None:
@@ -112,7 +110,7 @@ class FaultDesk:
             connection.settimeout(0.2)
             answer = self._answer(_line(connection), cycle)
             if "fault" in answer:
-                recorder.event(cycle, "info", "conductor", f"{ASKED_FOR}{json.dumps(answer['fault'])}")
+                recorder.event(cycle, FaultRequested(answer["fault"]))
             connection.sendall(json.dumps(answer).encode() + b"\n")
 
     def _answer(self, line: bytes, cycle: int) -> dict[str, Any]:

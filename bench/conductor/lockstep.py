@@ -19,10 +19,11 @@ from bench.bus.topic import PLANT
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.conductor.fault_desk import FaultDesk
-from bench.conductor.outages import GOES_ON_WITHOUT, Outages
+from bench.conductor.outages import Outages
 from bench.conductor.seats import Seats
 from bench.cycle import time_of
 from bench.errors import RunFailed
+from bench.events import EcuFailed
 from bench.faults.plan import FaultPlan
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
@@ -80,7 +81,7 @@ class Lockstep:
         self._truth: list[Truth] = []
         self._words: list[tuple[str, str]] = []
         self._sent: Sent = []
-        self._failures: list[str] = []
+        self._failures: list[EcuFailed] = []
         self.cycle = 0
         self.cycles = 0
         self.wall_s = 0.0
@@ -122,7 +123,7 @@ class Lockstep:
                 self._open(crew, recorder)
             recorder.cycle(done, frames, truth, strays, words)
             for failure in failures:
-                recorder.event(done, "error", "conductor", failure)
+                recorder.event(done, failure)
             if on_progress is not None and (last or done % PROGRESS_CYCLES == 0):
                 on_progress(self.time_s)
             if last:
@@ -209,6 +210,6 @@ class Lockstep:
             return False
         for name in names:
             self._outages.failed(name, crew)
-        self._failures.append(f"{text}{GOES_ON_WITHOUT}{', '.join(names)}")
+        self._failures.append(EcuFailed(names, text))
         self._announce_absent(names)
         return True

@@ -4,9 +4,6 @@ from bench.conductor.crew import Crew
 from bench.faults.base import Condition
 from bench.faults.plan import FaultPlan
 
-GOES_ON_WITHOUT = "; the run goes on without "
-"""How the event of an ECU's failure says, before their names, who is missing from there on."""
-
 
 class Outages:
     """Brings every ECU into the condition that the faults of a cycle want it in.

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from bench import events
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.inbox import BENCH_SYNC
@@ -30,7 +31,7 @@ from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.conductor.lockstep import PROGRESS_CYCLES
-from bench.conductor.outages import GOES_ON_WITHOUT, Outages
+from bench.conductor.outages import Outages
 from bench.conductor.seats import Seats
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
@@ -181,9 +182,9 @@ class Realtime:
             self._run(crew, recorder, cycles, on_progress)
         stolen_s = stolen_s_so_far() - stolen_s
         if stolen_s > 0.0:
-            stolen = f"the host of this virtual machine took {stolen_s:.2f} s of processor time from it meanwhile"
-            self.scheduling += f"; {stolen}"
-            recorder.event(self.cycle, "info", "conductor", stolen)
+            stolen = events.StolenTime(stolen_s)
+            self.scheduling += f"; {stolen.text}"
+            recorder.event(self.cycle, stolen)
 
     def _run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
         crew.restart(CLOCK)
@@ -349,14 +350,14 @@ class Realtime:
             done = cycle.done.get(name)
             if done is not None and done <= end:
                 if self._in_a_row[name]:
-                    recorder.event(number, "info", name, f"in time again after {self._in_a_row[name]} missed deadlines")
+                    recorder.event(number, events.DeadlineMet(name, self._in_a_row[name]))
                     self._in_a_row[name] = 0
                 continue
             self.misses[name] += 1
             self._in_a_row[name] += 1
             if self._in_a_row[name] == 1:
-                late = "sent nothing" if done is None else f"was {(done - end) / 1e6:.2f} ms late"
-                recorder.event(number, "warning", name, f"missed its deadline: {late}")
+                late_ms = None if done is None else (done - end) / 1e6
+                recorder.event(number, events.DeadlineMissed(name, late_ms))
             if time_of(self._in_a_row[name]) > self._silence_s and not name.endswith(f".{PLANT}"):
                 text = f"{self._when()} {name} has met no deadline for {self._silence_s:g} s"
                 if not self._goes_on_without([name], crew, recorder, text):
@@ -371,7 +372,7 @@ class Realtime:
             return False
         for name in names:
             self._outages.failed(name, crew)
-        recorder.event(max(self.cycle, 0), "error", "conductor", f"{text}{GOES_ON_WITHOUT}{', '.join(names)}")
+        recorder.event(max(self.cycle, 0), events.EcuFailed(names, text))
         return True
 
     def _schedule(self, crew: Crew, recorder: "Recorder") -> None:
@@ -391,12 +392,9 @@ class Realtime:
                 pin(pids[name], {core})
         if self.scheduling:
             return
-        how = "each on a core of its own" if alone else f"{len(pids)} processes share {len(cores)} cores"
-        if all(granted):
-            self.scheduling = f"SCHED_FIFO, {how}"
-        else:
-            self.scheduling = f"no SCHED_FIFO (it takes root, CAP_SYS_NICE or a limit set with ulimit -r), {how}"
-        recorder.event(0, "info" if all(granted) else "warning", "conductor", self.scheduling)
+        scheduling = events.Scheduling(all(granted), alone, len(pids), len(cores))
+        self.scheduling = scheduling.text
+        recorder.event(0, scheduling)
 
 
 def _senders(due: Mapping[str, Mapping[int, Due]]) -> dict[str, str]:

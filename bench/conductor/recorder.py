@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from bench import events
 from bench.bus.codec import Codec
 from bench.bus.ties import Truth
 from bench.bus.wire.timing import BusTimeline
@@ -39,7 +40,7 @@ def open_recorder(
     return Recorder(writer, stage.codecs, watch)
 
 
-_COUNTS = ("FramesLost", "E2EErrors")
+_COUNTS = (_LOST, _ERRORS)
 """The signals of the health messages that only rise, and mean trouble where they do."""
 
 
@@ -103,14 +104,13 @@ class Recorder:
             for stray in strays:
                 if stray not in self._strays:
                     self._strays.add(stray)
-                    text = f"frame 0x{stray[1]:03X} on {stray[0]} is not due in the cycle it came in, or came twice"
-                    self._writer.event(time_ns, "warning", "conductor", text)
+                    self._writer.event(time_ns, events.StrayFrame(*stray))
             for name, text in words:
-                self._writer.event(time_ns, "warning", name, text)
+                self._writer.event(time_ns, events.ProcessOutput(name, text))
             for name, usage in self._watch.samples():
                 self._writer.process(name, time_ns, usage)
 
-    def event(self, cycle: int, level: str, source: str, text: str) -> None:
+    def event(self, cycle: int, event: events.Event) -> None:
         """Record an event at the time of a cycle.
 
         Raises:
@@ -118,7 +118,7 @@ class Recorder:
         """
         with self._recording() as writable:
             if writable:
-                self._writer.event(cycle * CYCLE_NS, level, source, text)
+                self._writer.event(cycle * CYCLE_NS, event)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Close the log with the run's result."""
@@ -158,7 +158,7 @@ class Recorder:
             elif place in watched:
                 change = self._states.change(bus, can_id, data)
                 if change:
-                    self._writer.event(time_ns, change.level, change.source, change.text)
+                    self._writer.event(time_ns, change)
 
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:
         before = self._health.get((bus, can_id))
@@ -167,10 +167,9 @@ class Recorder:
             return
         name, counts = self._counts(bus, can_id, data)
         if any(counts.values()) if before is None else counts != self._counts(bus, can_id, before)[1]:
-            words = ", ".join(f"{signal} {value:g}" for signal, value in counts.items())
-            self._writer.event(time_ns, "warning", bus, f"{name}: {words}")
+            self._writer.event(time_ns, events.ReceptionErrors(bus, name, counts[_LOST], counts[_ERRORS]))
 
-    def _counts(self, bus: str, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
+    def _counts(self, bus: str, can_id: int, data: bytes) -> tuple[str, dict[str, int]]:
         """Name and counts of a health message; the states of reception that it shows as well come and go."""
         name, values = self._codecs[bus].decode(can_id, data)
-        return name, {signal: value for signal, value in values.items() if signal in _COUNTS}
+        return name, {signal: int(values.get(signal, 0)) for signal in _COUNTS}

@@ -21,6 +21,7 @@ from bench.conductor.seats import Seats, free_seats, refuse_outages
 from bench.conductor.stage import Stage
 from bench.ecu.main import DEFAULT_ECUS, load_class
 from bench.errors import BadInput, RunFailed
+from bench.events import RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
 from bench.scenario import Scenario
@@ -142,8 +143,8 @@ def run(
 
         timeline = BusTimeline(codecs, crew.inputs, realtime=realtime)
         recorder = open_recorder(out, stage, command_line, timeline, ProcessWatch(lambda: crew.pids))
-        for line in late:
-            recorder.event(0, "warning", "bus", line)
+        for warning in late:
+            recorder.event(0, warning)
         startup_s = 0.0
         ending = _Ending("failed", "the conductor failed")
         try:
@@ -170,7 +171,7 @@ def run(
                     conducted.stop()
                 crew.stop(GRACE_S / 2)
                 conducted.record_rest(recorder)
-                recorder.event(conducted.cycle, "fatal", "conductor", ending.reason)
+                recorder.event(conducted.cycle, RunEnded(ending.status, ending.reason))
             lost = recorder.frames_lost() + sum(link.frames_lost() for link in links.values())
             recorder.close(
                 {

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from bench.bus.codec import Codec, SignalBits
 from bench.bus.states import ActuatorState, EcuState
+from bench.events import StateChange
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages that show a state, and the signal that does."""
@@ -15,14 +16,6 @@ _NORMAL: Mapping[str, tuple[int, ...]] = {
     "ActuatorState": (ActuatorState.INIT, ActuatorState.ACTIVE),
 }
 """The values of each of these signals that are no reason to worry; it begins with the first of them."""
-
-
-class Change(NamedTuple):
-    """A change of state as an event: see `RunWriter.event`."""
-
-    level: str
-    source: str
-    text: str
 
 
 class _Watched(NamedTuple):
@@ -50,7 +43,7 @@ class StateWatch:
                 self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
         self._last: dict[tuple[str, int], int] = {}
 
-    def change(self, bus: str, can_id: int, data: bytes) -> Change | None:
+    def change(self, bus: str, can_id: int, data: bytes) -> StateChange | None:
         """Return the change that a frame shows, None for none."""
         place = self.watched[bus, can_id]
         if 8 * len(data) <= place.state.shift:
@@ -60,11 +53,10 @@ class StateWatch:
         if state == before:
             return None
         self._last[bus, can_id] = state
-        names = [place.names.get(value, str(value)).lower() for value in (before, state)]
-        cause = self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0)
-        why = f" ({place.causes[int(cause)]})" if cause and int(cause) in place.causes else ""
+        was, becomes = (place.names.get(value, str(value)).lower() for value in (before, state))
+        cause = int(self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0))
         level = "info" if state in _NORMAL[place.state.signal] else "warning"
-        return Change(level, place.source, f"{names[0]} -> {names[1]}{why}")
+        return StateChange(level, place.source, was, becomes, place.causes.get(cause, "") if cause else "")
 
 
 def _watched(bus: str, name: str, codec: Codec) -> _Watched:

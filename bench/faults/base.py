@@ -118,10 +118,9 @@ class Fault(BaseModel):
         """Return what the kind is called."""
         return str(cls.model_fields["kind"].default)
 
-    def target(self) -> str:
-        """Return what it is done to, in words."""
-        given = self.model_dump(exclude_none=True, exclude={"kind", "at_s", "for_s"})
-        return ", ".join(f"{key} {value}" for key, value in given.items())
+    def parameters(self) -> dict[str, Any]:
+        """Return what is given of it beside its kind and its time."""
+        return self.model_dump(exclude_none=True, exclude={"kind", "at_s", "for_s"})
 
     def problems(self, bench: Bench) -> list[Problem]:
         """Return what is wrong with its target on a bench; empty where all is well."""

@@ -38,14 +38,14 @@ class Feed:
     def __init__(self) -> None:
         """Begin with nothing."""
         self._columns: dict[str, list[float | None]] = {}
-        self._events: list[Sequence[Any]] = []
+        self._events: list[Mapping[str, Any]] = []
         self._status = ""
         self._end: str | None = None
         self._news = asyncio.Event()
         self._last: tuple[Place, str, Place] | None = None
 
-    def append(self, pool: Pool, events: Sequence[Sequence[Any]]) -> None:
-        """Append values to the columns, and events: time in s, level, source, text."""
+    def append(self, pool: Pool, events: Sequence[Mapping[str, Any]]) -> None:
+        """Append values to the columns, and events as `bench.analysis.page_data.events_of` returns them."""
         for name, values in pool.items():
             self._columns.setdefault(name, []).extend(values)
         self._events += events

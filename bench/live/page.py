@@ -69,7 +69,7 @@ class LivePage:
         self._begun.set()
         self._feed.end(data)
 
-    def _read(self, piece: Path, start_s: float, end_s: float) -> tuple[Pool, list[list[Any]]]:
+    def _read(self, piece: Path, start_s: float, end_s: float) -> tuple[Pool, list[dict[str, Any]]]:
         # Not at the top: these take a while to import, and nobody may ever ask for the page.
         from bench.analysis.figures import pool_of
         from bench.analysis.page_data import events_of

@@ -24,6 +24,7 @@ from bench.record.drawing import BODY, LANE_WIDTH, colour, lane_edges
 
 MAP_FRAME = "map"
 LEVELS = {"debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR, "fatal": Log.FATAL}
+LEVEL_NAMES = {number: name for name, number in LEVELS.items()}
 _ROAD_START, _ROAD_END = -100.0, 2000.0
 _LINE_WIDTH = 0.12
 

@@ -5,6 +5,7 @@ Time is the column `t` in s. A table goes to pandas through Arrow: `table.to_pan
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -73,9 +74,10 @@ def message_table(columns: Columns, decoder: TopicDecoder, *, labels: bool) -> p
 
 
 def event_table(events: Sequence[Event]) -> pl.DataFrame:
-    """Return events as `t`, `level`, `source` and `text`."""
-    rows = [(event.time_s, event.level, event.source, event.text) for event in events]
-    schema = {"t": pl.Float64, "level": pl.String, "source": pl.String, "text": pl.String}
+    """Return events as `t`, `level`, `source`, `text`, `kind` and `fields`, a JSON object."""
+    names = ("level", "source", "text", "kind")
+    rows = [(event.time_s, *(getattr(event, name) for name in names), json.dumps(event.fields)) for event in events]
+    schema = {"t": pl.Float64, **dict.fromkeys((*names, "fields"), pl.String)}
     return pl.DataFrame(rows, schema=schema, orient="row")
 
 

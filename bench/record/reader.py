@@ -25,7 +25,7 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.errors import BadInput
 from bench.mcap.time_span import ALL, NS, Span
-from bench.record import foxglove
+from bench.record import event
 from bench.record.can_frame import MAX_DATA, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
@@ -276,7 +276,7 @@ class Run:
         return message_table(self._table(topic, Span.of(start_s, end_s)), self.log.decoder(topic), labels=labels)
 
     def event_table(self, *, start_s: float | None = None, end_s: float | None = None) -> pl.DataFrame:
-        """Return the events, or those with start_s <= t < end_s: `t` in s, `level`, `source` and `text`.
+        """Return the events, or those with start_s <= t < end_s; see `joining.event_table`.
 
         Raises:
             BadInput: a time is no good.
@@ -355,18 +355,18 @@ class Run:
                 yield Frame(time_ns, names[number], can_id, payload, receive_ns, wire_ns, response_ns)
 
     def _events(self, span: Span) -> list[Event]:
-        names = {number: name for name, number in foxglove.LEVELS.items()}
-        if "/events" not in self.topics:
+        topic, read = (event.TOPIC, event.read) if event.TOPIC in self.topics else (event.OLD_TOPIC, event.read_old)
+        if topic not in self.topics:
             return []
-        decoder = self.log.decoder("/events")
+        decoder = self.log.decoder(topic)
         found = []
-        for _, part in itertools.chain.from_iterable(self.log.parts(["/events"], span)):
+        for _, part in itertools.chain.from_iterable(self.log.parts([topic], span)):
             for time_ns, payload in zip(part.time_ns.tolist(), part.payloads(), strict=True):
-                log = decoder.message(payload)
+                message = decoder.message(payload)
                 try:
-                    found.append(Event(time_ns / NS, names.get(log.level, "info"), log.name, log.message))
-                except AttributeError as error:
-                    raise BadInput(f"{self.path}: topic /events has messages that are not foxglove.Log") from error
+                    found.append(read(time_ns / NS, message))
+                except (AttributeError, ValueError) as error:
+                    raise BadInput(f"{self.path}: topic {topic} has messages that are no events: {error}") from error
         return found
 
     def _decoder_of_table(self, topic: str) -> TopicDecoder | None:

@@ -5,8 +5,8 @@ is written, in chunks as `bench.mcap.chunking` has them, when half a second old.
 With a `BusTimeline`, frames get their times on the wire then, and stand in the log in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
-`/plan/veh<i>`, `/events`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the host's receive
-time is in the frame.
+`/plan/veh<i>`, `/events`, `/events/data`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the
+host's receive time is in the frame.
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from bench.bus.codec import Codec
 from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
+from bench.events import Event
 from bench.mcap.chunking import ChunkGroups, Records
 from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
 from bench.record import can_frame, dbc_files, foxglove, process_usage
+from bench.record import event as event_record
 from bench.record.layout import Field, Layout, file_descriptor_set
 from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message
@@ -183,16 +185,18 @@ class RunWriter:
         self._pending_truth.append((vehicle, time_ns, row))
         self._note_pose(vehicle, time_ns, values)
 
-    def event(self, time_ns: int, level: str, source: str, text: str) -> None:
-        """Record an event; `level` is debug, info, warning, error or fatal.
+    def event(self, time_ns: int, event: Event) -> None:
+        """Record an event: for people on `/events`, for programs on `/events/data`.
 
         Raises:
-            ValueError: an unknown level.
+            ValueError: an unknown level, or fields that JSON cannot hold.
             RunFailed: the file cannot be written.
         """
-        if level not in foxglove.LEVELS:
-            raise ValueError(f"event level {level!r}: allowed are {', '.join(foxglove.LEVELS)}")
-        self._other(self._event_channel, time_ns, foxglove.log(time_ns, level, source, text))
+        if event.level not in foxglove.LEVELS:
+            raise ValueError(f"event level {event.level!r}: allowed are {', '.join(foxglove.LEVELS)}")
+        data = event_record.encoded(event)
+        self._other(self._event_channel, time_ns, foxglove.log(time_ns, event.level, event.source, event.text))
+        self._other(self._event_data_channel, time_ns, data)
 
     def process(self, name: str, time_ns: int, usage: ProcessUsage) -> None:
         """Record what the process `name` has taken of the machine.
@@ -320,7 +324,9 @@ class RunWriter:
         self._pose_columns = [names.index(name) for name in pose_names] if set(pose_names) <= set(names) else None
         self._pose_channel = self._foxglove_channel("/tf", FrameTransforms)
         self._scene_channel = self._foxglove_channel("/scene", SceneUpdate)
-        self._event_channel = self._channels = self._foxglove_channel("/events", Log)
+        self._event_channel = self._foxglove_channel("/events", Log)
+        event_schema = self._file.add_schema(event_record.NAME, event_record.SCHEMA)
+        self._event_data_channel = self._channels = self._file.add_channel(event_record.TOPIC, event_schema, {})
 
     def _groups_of_channels(self) -> npt.NDArray[np.int64]:
         """Return which channels share chunks: all raw frames, each bus's signals, all truth, the rest."""

@@ -1,13 +1,13 @@
 """What a recorded run was brought about by intent: its faults, and the ECUs it had to go on without."""
 
+import json
 from contextlib import suppress
 from dataclasses import dataclass
 
 from pydantic import TypeAdapter, ValidationError
 
-from bench.conductor.fault_desk import ASKED_FOR
-from bench.conductor.outages import GOES_ON_WITHOUT
 from bench.cycle import CYCLE_MS
+from bench.events import EcuFailed, FaultBegins, FaultRequested
 from bench.faults.base import Fault
 from bench.faults.kinds import AnyFault
 from bench.record.reader import Run
@@ -40,13 +40,13 @@ def read_history(run: Run) -> History:
     begun = 0
     ended: dict[str, int] = {}
     for event in run.events:
-        if event.source == "conductor" and event.text.startswith(ASKED_FOR):
+        if event.kind == FaultRequested.kind:
             # What another version knew is left out, but that it has begun is counted.
             with suppress(ValidationError):
-                faults.append(_FAULTS.validate_json(event.text.removeprefix(ASKED_FOR)))
-        elif event.source == "fault":
-            begun += " begins, until " in event.text
-        elif event.source == "conductor" and GOES_ON_WITHOUT in event.text:
-            for name in event.text.rpartition(GOES_ON_WITHOUT)[2].split(", "):
+                faults.append(_FAULTS.validate_json(json.dumps(event.fields["fault"])))
+        elif event.kind == FaultBegins.kind:
+            begun += 1
+        elif event.kind == EcuFailed.kind:
+            for name in event.fields["ecus"]:
                 ended.setdefault(name, round(event.time_s * 1000 / CYCLE_MS))
     return History(tuple(faults), max(0, begun - len(faults)), ended)

@@ -161,4 +161,4 @@ def _truth(run: Run, vehicle: int, names: Sequence[str], writer: RunWriter) -> I
 def _events(run: Run, writer: RunWriter) -> Iterator[_Writing]:
     for event in run.events:
         time_ns = round(event.time_s * 1e9)
-        yield time_ns, _EVENTS, partial(writer.event, time_ns, event.level, event.source, event.text)
+        yield time_ns, _EVENTS, partial(writer.event, time_ns, event)

@@ -30,7 +30,7 @@ class Motions:
     mu: np.ndarray = field(init=False)
     # Values of messages that are not the start values: (vehicle, message) -> signal -> (n,).
     signals: dict = field(default_factory=dict)
-    # Time in s, level, source and text of each event.
+    # Time in s and event.
     events: list = field(default_factory=list)
 
     def __post_init__(self):
@@ -80,8 +80,8 @@ def write(path, motions, result=None):
                 writer.frame(bus, time_ns, *codec.encode(name, values, cycle), 0)
             known = {name: getattr(motions, name)[vehicle - 1][cycle] for name in TRUTH_NAMES if hasattr(motions, name)}
             writer.truth(vehicle, time_ns, [float(known.get(name, 0.0)) for name in TRUTH_NAMES])
-    for time_s, level, source, text in motions.events:
-        writer.event(round(time_s * 1e9), level, source, text)
+    for time_s, event in motions.events:
+        writer.event(round(time_s * 1e9), event)
     ended = {"status": "completed", "cycles": str(motions.cycles), "wall_s": "0.5"}
     writer.close(ended if result is None else result)
     return path

@@ -13,6 +13,7 @@ from playwright.sync_api import ViewportSize, sync_playwright
 from bench.analysis.figures import pool_of
 from bench.analysis.page_data import events_of, page_data
 from bench.analysis.report import render, render_both, render_live
+from bench.events import FaultBegins, FaultEnds, StateChange
 from bench.record import Run
 
 from .conftest import Motions
@@ -54,11 +55,11 @@ def faulty(run_of):
     """A run with a fault, changes of mode and many of them at about one time."""
     motions = Motions(2, 200)
     motions.events = [
-        (0.0, "info", "veh1.planner", "init -> run"),
-        (0.5, "warning", "fault", "ecu_crash: ecu veh1.tracker begins, until 1.5 s"),
-        (1.2, "warning", "veh1.planner", "run -> safe (TrackerLost)"),
-        (1.201, "warning", "veh2.planner", "run -> degraded (PeerUnsafe)"),
-        (1.5, "warning", "fault", "ecu_crash: ecu veh1.tracker ends"),
+        (0.0, StateChange("info", "veh1.planner", "init", "run")),
+        (0.5, FaultBegins("ecu_crash", {"ecu": "veh1.tracker"}, 1.5)),
+        (1.2, StateChange("warning", "veh1.planner", "run", "safe", "TrackerLost")),
+        (1.201, StateChange("warning", "veh2.planner", "run", "degraded", "PeerUnsafe")),
+        (1.5, FaultEnds("ecu_crash", {"ecu": "veh1.tracker"})),
     ]
     return run_of(motions)
 

@@ -10,6 +10,7 @@ from click.testing import CliRunner
 from typer.main import get_command
 
 from bench.cli.main import app
+from bench.events import RunEnded
 from bench.mcap.recover import recover
 from bench.record.reader import LogDamaged, Run
 
@@ -52,7 +53,7 @@ def test_whatever_is_killed_at_most_half_a_second_is_lost_and_nothing_goes_on(st
         assert code == 1
         assert name in errors
         assert caught == []
-        assert any(name in event.text for event in log.events)
+        assert any(name in event.fields["reason"] for event in log.events if event.kind == RunEnded.kind)
     assert frames[-1].time_ns / 1e9 >= reached_s - WRITTEN_S - UNDER_WAY_S
     assert len(log.truth(1)["t"]) >= (reached_s - WRITTEN_S - UNDER_WAY_S) * 100
 

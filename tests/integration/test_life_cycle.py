@@ -15,6 +15,7 @@ import pytest
 from bench.bus.link.address import Address
 from bench.bus.link.opening import settle
 from bench.errors import BadInput
+from bench.events import ProcessOutput, RunEnded, StrayFrame
 from bench.record.reader import LogDamaged, Run
 
 ROOT = Path(__file__).parents[2]
@@ -84,7 +85,9 @@ def test_a_killed_process_is_named(start, name: str) -> None:
     assert "Traceback" not in errors
     run.assert_all_gone()
     log = read(run.out)
-    assert any(name in event.text and "SIGKILL" in event.text for event in log.events)
+    (ended,) = [event.fields for event in log.events if event.kind == RunEnded.kind]
+    assert ended["status"] == "failed"
+    assert f"{name} (process {pid}) was killed by SIGKILL" in ended["reason"]
     assert len(log.signal("veh1", "VehicleMotion", "VelocityX")[0]) >= 20
 
 
@@ -271,7 +274,7 @@ def test_an_external_ecu_that_could_not_take_part_is_refused(start, can: str, wo
 def test_the_ecus_import_nothing_of_the_plant(start, unruly: Unruly) -> None:
     run = start(set=["duration_s=0.05"], ecus=unruly(planner="ConfessingPlanner", tracker="ConfessingTracker"))
     assert run.end()[0] == 0
-    confessions = {event.source: json.loads(event.text) for event in read(run.out).events if "[" in event.text}
+    confessions = {e.source: json.loads(e.text) for e in read(run.out).events if e.kind == ProcessOutput.kind}
     assert set(confessions) == {f"veh{i}.{role}" for i in (1, 2, 3) for role in ("planner", "tracker")}
     for name, modules in confessions.items():
         assert f"bench.ecu.{name.split('.')[1]}" in modules
@@ -284,7 +287,7 @@ def test_two_runs_at_once_do_not_hear_each_other(start) -> None:
     runs = [start(set=SHORT) for _ in range(2)]
     for run in runs:
         assert run.end()[0] == 0
-        assert not any("not due" in event.text for event in read(run.out).events)
+        assert not any(event.kind == StrayFrame.kind for event in read(run.out).events)
 
 
 def test_an_ecu_may_run_alone(start) -> None:

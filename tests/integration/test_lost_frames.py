@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
+from bench.events import ReceptionErrors
 from bench.record.reader import Run
 
 STRANGER = 0x7FE
@@ -30,5 +31,6 @@ def test_what_a_full_receive_queue_drops_is_counted_logged_and_shown(start) -> N
     lost = log.signal("veh2", "TrackerBusHealth", "FramesLost")[1]
     assert lost[0] == 0
     assert lost[-1] > 1000
-    assert any(event.source == "veh2" and f"FramesLost {lost[-1]:g}" in event.text for event in log.events), log.events
+    told = [event.fields for event in log.events if (event.kind, event.source) == (ReceptionErrors.kind, "veh2")]
+    assert lost[-1] in [fields["frames_lost"] for fields in told if fields["message"] == "TrackerBusHealth"]
     assert int(log.result["frames_lost"]) >= lost[-1]

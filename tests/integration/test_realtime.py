@@ -13,6 +13,7 @@ from bench.bus.link.address import Address
 from bench.bus.states import ActuatorState, BenchCommand
 from bench.conductor.run import RunResult, run
 from bench.errors import BadInput
+from bench.events import Scheduling
 from bench.record.reader import Run
 from bench.scenario import load
 
@@ -36,7 +37,9 @@ def test_a_run_on_the_wall_clock_is_recorded_whole(tmp_path: Path) -> None:
     assert log.metadata["clock"] == "realtime"
     assert log.result["status"] == "completed"
     assert result.scheduling.startswith(("SCHED_FIFO", "no SCHED_FIFO"))
-    assert any(result.scheduling.startswith(event.text) for event in log.events)
+    (granted,) = [event.fields for event in log.events if event.kind == Scheduling.kind]
+    assert granted["fifo"] == result.scheduling.startswith("SCHED_FIFO")
+    assert granted["processes"] > 6
     for bus in log.buses:
         sync = log.message(bus, "BenchSync")
         assert sync["Command"].tolist() == [BenchCommand.RUN_REALTIME] * 50 + [BenchCommand.STOP]

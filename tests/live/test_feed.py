@@ -13,15 +13,15 @@ def told(feed: Feed, place: Place) -> tuple[dict, Place]:
 
 def test_a_viewer_that_comes_late_is_told_all_so_far() -> None:
     feed = Feed()
-    feed.append({"t": [0.0, 0.01], "1.X": [1.0, None]}, [[0.0, "info", "veh1", "a"]])
+    feed.append({"t": [0.0, 0.01], "1.X": [1.0, None]}, [{"time_s": 0.0, "text": "a"}])
     feed.append({"t": [0.02], "1.X": [3.0]}, [])
     message, place = told(feed, Place())
     assert message == {
-        "append": {"pool": {"t": [0.0, 0.01, 0.02], "1.X": [1.0, None, 3.0]}, "events": [[0.0, "info", "veh1", "a"]]}
+        "append": {"pool": {"t": [0.0, 0.01, 0.02], "1.X": [1.0, None, 3.0]}, "events": [{"time_s": 0.0, "text": "a"}]}
     }
-    feed.append({"t": [0.03], "1.X": [4.0]}, [[0.03, "error", "bus", "b"]])
+    feed.append({"t": [0.03], "1.X": [4.0]}, [{"time_s": 0.03, "text": "b"}])
     message, _ = told(feed, place)
-    assert message == {"append": {"pool": {"t": [0.03], "1.X": [4.0]}, "events": [[0.03, "error", "bus", "b"]]}}
+    assert message == {"append": {"pool": {"t": [0.03], "1.X": [4.0]}, "events": [{"time_s": 0.03, "text": "b"}]}}
 
 
 def test_viewers_at_different_places_are_told_what_each_lacks() -> None:

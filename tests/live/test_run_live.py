@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.analysis.page_data import events_of
 from bench.errors import BadInput
 from bench.live import session
 from bench.record import diff
@@ -34,8 +35,8 @@ def test_a_viewer_sees_the_run_which_is_none_the_worse(start: Start, whole_log: 
     truth = Run(bench.out).truth(1)
     assert t == sorted(set(t))
     assert speed == pytest.approx(truth["v_x"][: len(speed)].tolist(), rel=1e-5)
-    events = [tuple(event) for each in appended for event in each["events"]]
-    recorded = [(event.time_s, event.level, event.source, event.text) for event in Run(bench.out).events]
+    events = [event for each in appended for event in each["events"]]
+    recorded = events_of(Run(bench.out).events)
     assert events == recorded[: len(events)]
     assert messages[-1]["replace"]["status"] == "completed"
     assert diff(bench.out, whole_log).same

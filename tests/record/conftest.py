@@ -9,6 +9,7 @@ from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
 from bench.conductor.run import run
 from bench.cycle import CYCLE_NS
+from bench.events import ProcessOutput
 from bench.record import RunWriter
 from bench.scenario import load
 
@@ -66,7 +67,7 @@ def write_log(path, codecs, cycles=40, seed=1, change=None):
             recorded.truth[vehicle].append((time_ns, row))
             writer.truth(vehicle, time_ns, row)
         if cycle % 10 == 3:
-            recorded.events.append((time_ns, "warning", "conductor", f"ünusual cycle {cycle}"))
+            recorded.events.append((time_ns, ProcessOutput("plant", f"ünusual cycle {cycle}")))
             writer.event(*recorded.events[-1])
     writer.close({"status": "completed", "cycles": str(cycles)})
     return recorded

@@ -1,5 +1,6 @@
 """Signals by name, joined on one time base, and cut out of a log by time."""
 
+import json
 import warnings
 
 import numpy as np
@@ -125,7 +126,9 @@ def test_what_is_known_of_signals(run):
 
 def test_events_and_pandas(run, recorded):
     events = run.event_table()
-    assert events["text"].to_list() == [text for _, _, _, text in recorded.events]
+    assert events["text"].to_list() == [event.text for _, event in recorded.events]
+    assert events["kind"].to_list() == [event.kind for _, event in recorded.events]
+    assert [json.loads(fields) for fields in events["fields"]] == [event.fields for _, event in recorded.events]
     assert events["t"].to_list() == [0.03, 0.13, 0.23, 0.33]
     table = run.table("truth.veh?.X")
     assert np.array_equal(table.to_pandas().to_numpy(), table.to_numpy())
@@ -144,7 +147,7 @@ def test_a_slice_is_what_is_of_these_times(run, recorded, start_s, end_s):
         rows = [(time_ns / 1e9, row[0]) for time_ns, row in recorded.truth[1] if start_ns <= time_ns < end_ns]
         assert list(zip(truth["t"].tolist(), truth["X"].tolist(), strict=True)) == rows
         assert reader.signal("truth.veh1.X", **span)[1].tolist() == [x for _, x in rows]
-        events = [text for time_ns, _, _, text in recorded.events if start_ns <= time_ns < end_ns]
+        events = [event.text for time_ns, event in recorded.events if start_ns <= time_ns < end_ns]
         assert reader.event_table(**span)["text"].to_list() == events
 
 

@@ -69,7 +69,7 @@ def test_what_describes_the_run(recorded):
     assert run.buses == ["v2v", "veh1", "veh2"]
     assert run.metadata["seed"] == "7"
     assert run.result["status"] == "completed"
-    assert [e.text for e in run.events] == [text for _, _, _, text in recorded.events]
+    assert [e.text for e in run.events] == [event.text for _, event in recorded.events]
     assert run.events[0].level == "warning"
     assert run.messages("veh1")[:3] == ["BenchSync", "BenchAbsent", "VehiclePosition"]
     assert run.wall_clock_ids("veh1") == {0x5F0, 0x5F1, 0x5F2}

@@ -19,6 +19,7 @@ from bench.bus.codec import DBC_DIR, DecodeError
 from bench.cycle import CYCLE_NS
 from bench.errors import RunFailed
 from bench.record import Run
+from bench.record.event import Event
 from bench.record.process_usage import ProcessUsage
 
 from .conftest import TRUTH_NAMES, open_writer, same_double
@@ -139,7 +140,7 @@ def test_processes_have_a_topic_each_from_their_first_sample_on(codecs, tmp_path
 
 def test_events_metadata_and_attachments(recorded, messages):
     events = [(r.log_time, m.name, m.message) for topic, r, m in messages if topic == "/events"]
-    assert events == [(time, source, text) for time, _, source, text in recorded.events]
+    assert events == [(time, event.source, event.text) for time, event in recorded.events]
     with recorded.path.open("rb") as stream:
         reader = make_reader(stream)
         metadata = {record.name: record.metadata for record in reader.iter_metadata()}
@@ -263,7 +264,7 @@ def test_what_cannot_be_recorded_is_refused(tmp_path, codecs):
         with pytest.raises(ValueError, match="truth row of 2 values, not 8"):
             writer.truth(1, 0, [1.0, 2.0])
         with pytest.raises(ValueError, match="event level 'loud': allowed are debug"):
-            writer.event(0, "loud", "test", "text")
+            writer.event(0, Event(0.0, "loud", "test", "text", "other", {}))
     assert list(Run(tmp_path / "run.mcap").frames()) == []
 
 

@@ -19,6 +19,7 @@ from bench.cli.main import app
 from bench.conductor.run import run
 from bench.ecu.main import DEFAULT_ECUS
 from bench.errors import RunFailed
+from bench.events import ReceptionErrors
 from bench.record.compare import diff
 from bench.record.reader import Run
 from bench.replay.order import in_order
@@ -134,7 +135,8 @@ def test_a_frame_with_a_bad_crc_from_cansend_is_rejected_and_counted(tmp_path: P
     assert frames.count(spoiled) == 1
     assert int(recorded.message("veh1", "PlantBusHealth")["E2EErrors"][-1]) == 1
     assert recorded.result["e2e_errors"] == "1"
-    assert any("PlantBusHealth: FramesLost 0, E2EErrors 1" in event.text for event in recorded.events)
+    told = [event.fields for event in recorded.events if event.kind == ReceptionErrors.kind]
+    assert {"message": "PlantBusHealth", "frames_lost": 0, "e2e_errors": 1} in told
     # Rejected: it is not what the vehicle steered by, nor did it take a good command's place.
     assert max(abs(recorded.truth(1)["steering_angle"])) < 0.1
     assert set(recorded.message("veh1", "ActuatorStatus")["ActuatorState"][2:]) == {1}

@@ -1,7 +1,7 @@
 // A run that goes on: what it is told comes over a WebSocket beside the page.
 //
-// Messages are JSON: {"append": {"pool": {name: [values]}, "events": [[t, level, source, text]]}}, values that columns grow
-// by; {"status": text}; {"replace": data}, everything, when the run has ended.
+// Messages are JSON: {"append": {"pool": {name: [values]}, "events": [event]}}, values that columns grow by and
+// events as the data object has them; {"status": text}; {"replace": data}, everything, when the run has ended.
 
 function showAppended(more) {
   const before = lastTime();

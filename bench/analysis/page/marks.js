@@ -6,18 +6,25 @@ const APART = 9;
 const LINES_OF_TIP = 8;
 
 // Whether an event is no more than that a part has started, or of no interest to who looks at a run.
-const isUsual = (level, text) => level === "debug" || (level === "info" && /^(init|wait) ->/.test(text));
+function isUsual({ kind, level, fields }) {
+  const starts = kind === "state_change" && ["init", "wait"].includes(fields.before);
+  return level === "debug" || (level === "info" && starts);
+}
+
+// How an event is drawn: as a fault, or as its level has it.
+const lookOf = ({ kind, level }) => (["fault_begins", "fault_ends"].includes(kind) ? "fault" : level);
 
 // Each event that is more than that: time, what it says, and how grave it is.
 function eventMarks() {
   const found = [];
   for (const run of runs()) {
-    for (const [time, level, source, text] of run.events) {
-      if (isUsual(level, text)) continue;
-      found.push({ time, kind: source === "fault" ? "fault" : level, text: says(run, time, source, text) });
+    for (const event of run.events) {
+      if (isUsual(event)) continue;
+      const { time_s: time, source, text } = event;
+      found.push({ time, look: lookOf(event), text: says(run, time, source, text) });
     }
     if (run.formation_time > firstTime()) {
-      found.push({ time: run.formation_time, kind: "formed", text: says(run, run.formation_time, "", "formed") });
+      found.push({ time: run.formation_time, look: "formed", text: says(run, run.formation_time, "", "formed") });
     }
   }
   return found.sort((a, b) => a.time - b.time);
@@ -30,17 +37,15 @@ function faultSpans() {
   const spans = [];
   for (const run of runs()) {
     const open = new Map();
-    for (const [time, , source, text] of run.events) {
-      if (source !== "fault") continue;
-      const begun = /^(.*?) begins/.exec(text);
-      const ended = /^(.*?) ends/.exec(text);
-      if (begun) {
-        const span = { start: time, end: Infinity, text: begun[1] };
-        open.set(begun[1], span);
+    for (const { time_s: time, kind, fields } of run.events) {
+      const which = JSON.stringify([fields.fault, fields.parameters]);
+      if (kind === "fault_begins") {
+        const span = { start: time, end: Infinity };
+        open.set(which, span);
         spans.push(span);
-      } else if (ended && open.has(ended[1])) {
-        open.get(ended[1]).end = time;
-        open.delete(ended[1]);
+      } else if (kind === "fault_ends" && open.has(which)) {
+        open.get(which).end = time;
+        open.delete(which);
       }
     }
   }
@@ -49,7 +54,7 @@ function faultSpans() {
 
 const GRAVITY = ["info", "formed", "warning", "fault", "error", "fatal"];
 
-// Marks that would lie on each other, as one: where, all their texts, and the gravest kind.
+// Marks that would lie on each other, as one: where, all their texts, and the look of the gravest.
 function clusters(range, toX) {
   const found = [];
   for (const mark of eventMarks()) {
@@ -58,8 +63,8 @@ function clusters(range, toX) {
     const last = found.at(-1);
     if (last && at - last.at < APART) {
       last.texts.push(mark.text);
-      if (GRAVITY.indexOf(mark.kind) > GRAVITY.indexOf(last.kind)) last.kind = mark.kind;
-    } else found.push({ at, time: mark.time, kind: mark.kind, texts: [mark.text] });
+      if (GRAVITY.indexOf(mark.look) > GRAVITY.indexOf(last.look)) last.look = mark.look;
+    } else found.push({ at, time: mark.time, look: mark.look, texts: [mark.text] });
   }
   return found;
 }
@@ -71,9 +76,9 @@ function drawMarks(parent, range, toX, { top, height }) {
     const [from, to] = [toX(Math.max(start, range[0])), toX(Math.min(end, range[1]))];
     shape(parent, "rect", { class: "span", x: round(from), y: top, width: round(Math.max(1, to - from)), height });
   }
-  for (const { at, time, kind, texts } of clusters(range, toX)) {
-    const group = shape(parent, "g", { class: `mark ${kind}` });
-    if (kind === "formed" || kind === "error" || kind === "fatal") {
+  for (const { at, time, look, texts } of clusters(range, toX)) {
+    const group = shape(parent, "g", { class: `mark ${look}` });
+    if (["formed", "error", "fatal"].includes(look)) {
       shape(group, "path", { class: "event", d: `M${round(at)} ${top}v${height}` });
     }
     shape(group, "path", { class: "wedge", d: `M${round(at)} ${top + 9}l-4.5 -9h9z` });

@@ -97,10 +97,9 @@ function showTimeLine() {
 // State of each part of a vehicle from the events up to `time`: run, degraded, safe ...
 function statesAt(run, time) {
   const states = new Map();
-  for (const [at, , source, text] of run.events) {
+  for (const { time_s: at, source, kind, fields } of run.events) {
     if (at > time + 1e-9) break;
-    const change = /^\w+ -> (\w+)/.exec(text);
-    if (change) states.set(source, change[1]);
+    if (kind === "state_change") states.set(source, fields.after);
   }
   return states;
 }

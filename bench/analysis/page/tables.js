@@ -69,17 +69,17 @@ const MOST_EVENTS = 500;
 
 function fillEvents() {
   const parent = byId("events");
-  const all = runs().flatMap((run) => run.events.map((event) => [letter(run), ...event]));
-  const rows = all.filter(([, , level, , text]) => !isUsual(level, text)).sort((a, b) => a[1] - b[1]);
+  const all = runs().flatMap((run) => run.events.map((event) => ({ run: letter(run), ...event })));
+  const rows = all.filter((event) => !isUsual(event)).sort((a, b) => a.time_s - b.time_s);
   const told = rows.slice(0, MOST_EVENTS);
   const more = runs().reduce((sum, run) => sum + run.more_events, 0) + all.length - told.length;
   parent.hidden = !rows.length;
   byId("event-count").textContent = `Faults and changes of mode (${rows.length})`;
   const body = byId("event-rows");
   body.replaceChildren();
-  for (const [run, time, level, source, text] of told) {
-    const kind = source === "fault" ? "fault" : level;
-    const row = element(body, "tr", { class: SERIOUS.includes(level) ? kind : "" });
+  for (const event of told) {
+    const { run, time_s: time, level, source, text } = event;
+    const row = element(body, "tr", { class: SERIOUS.includes(level) ? lookOf(event) : "" });
     const jump = element(element(row, "th", { scope: "row" }), "button", { class: "jump", type: "button" }, seconds(time));
     jump.addEventListener("click", () => {
       player.pause();

@@ -22,6 +22,7 @@ from bench.bus.wire.frame_length import longest_bits, priority
 from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
+from bench.events import ResponseBeyondPeriod
 
 _NS = 1_000_000_000
 
@@ -137,8 +138,8 @@ def _delay(base: int, queued: Callable[[int], int], tau_bit: int, w: int) -> int
     return base + queued(w + tau_bit)
 
 
-def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[str]:
-    """Return what a person should know of the buses' worst case before a run: messages that may be late.
+def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[ResponseBeyondPeriod]:
+    """Return which messages may be late in the worst case, of all buses.
 
     Args:
         codecs: codec of every bus.
@@ -158,11 +159,10 @@ def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[str]:
         for message in messages:
             can_id, found = message.can_id, worst[message.can_id]
             if found is None or found.response_ns > message.period_ns:
-                time = "without bound" if found is None else f"up to {found.response_ns / 1e6:.2f} ms"
-                warnings.append(
-                    f"bus {bus}: in the worst case {message.name} (0x{can_id & ~EXTENDED:03X}) takes {time} at "
-                    f"{codec.bit_rate / 1000:g} kbit/s, longer than its period of {message.period_ns / 1e6:g} ms"
-                )
+                response_ms = None if found is None else found.response_ns / 1e6
+                period_ms = message.period_ns / 1e6
+                place = bus, message.name, can_id & ~EXTENDED
+                warnings.append(ResponseBeyondPeriod(*place, response_ms, period_ms, codec.bit_rate))
     if overloaded:
         raise BadInput("\n".join(_overload(codecs, overloaded, vehicles)))
     return warnings

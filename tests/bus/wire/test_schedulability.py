@@ -143,5 +143,7 @@ def test_a_message_that_may_be_late_is_a_warning():
     (codecs, used) = ({"veh1": slow}, load(streams("veh1", slow, 1), 310_000))
     assert 0.9 < used < 1.0
     warnings = check_load(codecs, 1)
-    assert any("PlantTiming (0x5F2)" in text and "longer than its period of 10 ms" in text for text in warnings)
-    assert not any("VehiclePosition" in text for text in warnings)
+    timing = next(each for each in warnings if each.message == "PlantTiming")
+    assert (timing.bus, timing.can_id, timing.period_ms, timing.bit_rate) == ("veh1", 0x5F2, 10.0, 310_000)
+    assert timing.response_ms is None or timing.response_ms > 10.0
+    assert not any(each.message == "VehiclePosition" for each in warnings)
