@@ -64,7 +64,7 @@ lint-c: WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wshadow
 lint-c: HEADERS = $$(echo $(VENV)/lib/python3*/site-packages/fmpy/c-code)
 lint-c: HOSTS = tests/platoon_fmu
 lint-c: $(LINTERS)
-	$(BIN)/clang-format --dry-run --Werror $$(git ls-files '*.c' '*.h')
+	$(BIN)/clang-format --dry-run --Werror $$(find bench platoon_fmu tests -name '*.[ch]' -not -path '*/build/*')
 	@$(MAKE) -s -C bench/examples/tracker BUILD=$(CURDIR)/build/lint PYTHON=$(CURDIR)/$(BIN)/python \
 		$(CURDIR)/build/lint/messages.h
 	$(TIDY) platoon_fmu/fmi/*.c -- -std=c99 $(WARNINGS) -isystem $(HEADERS)
