@@ -1,4 +1,4 @@
-"""What this machine can do, and what to type for the rest: the checks behind `platoon doctor`."""
+"""The checks behind `platoon doctor`: what this machine can do, and how to install what is missing."""
 
 import importlib.metadata
 import os
@@ -28,13 +28,13 @@ _PACKAGES = ("casadi", "clarabel", "cvxpy", "fmpy", "mcap", "numba", "numpy", "p
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing the machine was asked for.
+    """One thing that was checked.
 
     Attributes:
-        subject: what was looked at.
-        fine: whether it is as wanted.
+        subject: what was checked.
+        fine: whether it is as required.
         found: what is there.
-        mend: what to do where it is not fine.
+        mend: what to do if it is not.
         needed: whether no run works without it.
     """
 
@@ -46,7 +46,7 @@ class Finding:
 
 
 def examine(logs: Path) -> Iterator[Finding]:
-    """Look at this machine, one finding after the other.
+    """Examine this machine, one finding after the other.
 
     Args:
         logs: the directory that runs are written to.
@@ -121,7 +121,7 @@ def _small_kernel() -> Finding:
     except BadInput as error:
         found, _, mend = str(error).partition("\n")
         return Finding("platoon vcan", False, found.removeprefix("platoon vcan: "), mend)
-    return Finding("platoon vcan", True, "user-mode Linux is there, for a kernel with CAN links")
+    return Finding("platoon vcan", True, "user-mode Linux is installed, for a kernel with CAN links")
 
 
 def _refusal(attempt: Callable[[], None]) -> str | None:
@@ -135,7 +135,7 @@ def _refusal(attempt: Callable[[], None]) -> str | None:
 def _receive_buffer() -> Finding:
     limit = Path("/proc/sys/net/core/rmem_max")
     if not limit.is_file():
-        return Finding("receive buffer", True, "the system has no limit to read")
+        return Finding("receive buffer", True, "the system's limit cannot be read")
     allowed = int(limit.read_text())
     # Root may go beyond the limit (SO_RCVBUFFORCE).
     fine = allowed >= WANTED_BUFFER_BYTES or os.geteuid() == 0

@@ -1,4 +1,4 @@
-"""The commands `platoon fmu ...`: the vehicle's FMU built, checked and described.
+"""The commands `platoon fmu ...`: builds, checks and describes the vehicle's FMU.
 
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
@@ -20,7 +20,7 @@ from platoon_fmu.errors import FmuError, UnknownPlatform
 if TYPE_CHECKING:
     from platoon_fmu.build import Step
 
-fmu_app = typer.Typer(help="The vehicle as an FMU.", no_args_is_help=True)
+fmu_app = typer.Typer(help="The vehicle FMU: build, check, describe, validate.", no_args_is_help=True)
 
 
 class Fmi(StrEnum):
@@ -60,7 +60,7 @@ def build(
             except UnknownPlatform as error:
                 raise BadInput(f"--platform: {error}, all") from error
             except OSError as error:
-                raise BadInput(f"{directory}: the FMU cannot be put there: {error.strerror}") from error
+                raise BadInput(f"{directory}: the FMU cannot be written there: {error.strerror}") from error
             typer.echo(str(fmu))
 
 
@@ -85,7 +85,7 @@ def _showing_steps() -> Iterator[Callable[["Step"], None]]:
 def validate(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
 ) -> None:
-    """Check any FMU against the standard, and try what it claims to do."""
+    """Check any FMU against the standard, and exercise the capabilities that it declares."""
     from bench.cli.fmu_table import show_check
     from platoon_fmu.checks.findings import Outcome
     from platoon_fmu.checks.validate import validate as checks_of
@@ -110,7 +110,7 @@ def info(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
-    """Show what any FMU is, what it can do, and its variables."""
+    """Show any FMU's interface types, capabilities and variables."""
     from platoon_fmu.info import info as info_of
 
     path = fmu or vehicle_fmu()
@@ -131,7 +131,7 @@ def report(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
 ) -> None:
-    """Validate an FMU's physics: drive standard manoeuvres, write one HTML file of what came of them."""
+    """Validate an FMU's physics: drive standard manoeuvres, write the results as one HTML file."""
     from bench.files import check_report, write_text
 
     path = fmu or vehicle_fmu()
@@ -152,7 +152,7 @@ def report(
 
 
 def vehicle_fmu() -> Path:
-    """Return the FMU that the bench drives; where an installed package builds it now, on first use, say so.
+    """Return the FMU that the bench drives; if an installed package builds it now, on first use, report that.
 
     Raises:
         BadInput: there is none, and it cannot be built.

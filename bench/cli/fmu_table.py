@@ -1,4 +1,4 @@
-"""How an FMU and what was found in it look at the terminal, or in a file that the output goes to."""
+"""Formats an FMU's description and the findings about it for a terminal or a file."""
 
 import io
 from collections.abc import Callable, Iterable, Sequence
@@ -11,9 +11,9 @@ from rich.text import Text
 from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.info import CAUSALITIES, VARIABILITIES, FmuInfo, Value, VariableInfo
 
-# Wider than any line: what is no terminal has no width that lines would have to be broken at.
+# Wider than any line: a file has no width at which lines must be wrapped.
 _NO_WIDTH = 100_000
-# A description that is broken more often than this is not read.
+# Nobody reads a description wrapped into more lines than this.
 _LEAST_WIDTH = 15
 _LONGEST_FLAG = len("recommendedIntermediateInputSmoothness 1,")
 _PLURALS = {
@@ -42,7 +42,7 @@ def show_info(info: FmuInfo) -> None:
 
 
 def show_check(check: Check) -> None:
-    """Print what a check found, on standard output: one line, on a terminal as many as it takes."""
+    """Print a finding on standard output: one line in a file, wrapped on a terminal."""
     line = Table.grid(padding=(0, 2, 0, 0))
     line.add_column(width=len(Outcome.PASSED) + 1)
     line.add_column(width=2)
@@ -56,7 +56,7 @@ def show_check(check: Check) -> None:
 def _show(content: RenderableType) -> None:
     console = Console(highlight=False)
     if console.is_terminal:
-        # What no column can give up is rather broken by the terminal than cut.
+        # If no column can shrink further, the terminal wraps the line; nothing is cut.
         width = max(console.width, console.measure(content, options=_unlimited(console)).minimum)
         console.print(content, width=width, crop=False)
         return
@@ -123,7 +123,7 @@ def _heading(causality: str, variability: str, count: int) -> Text:
 
 
 def _variables(variables: Sequence[VariableInfo]) -> Table:
-    """A table of variables, without the columns that none of them has anything in; only descriptions are broken."""
+    """A table of variables without empty columns; only descriptions are wrapped."""
     unit = "unit" if all(map(_usual, variables)) else "type, unit"
     columns = [(heading, cell) for heading, cell in _COLUMNS if any(cell(v) for v in variables)]
     table = Table(box=None, padding=(0, 2, 0, 0))

@@ -1,4 +1,4 @@
-"""The commands `platoon log ...`: what is in a log, and logs exchanged with other tools.
+"""The commands `platoon log ...`: inspects logs and exchanges them with other tools.
 
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
@@ -17,11 +17,11 @@ from bench.files import readable_log
 if TYPE_CHECKING:
     from bench.record.exchange import Format
 
-log_app = typer.Typer(help="What is in a log; logs exchanged with other tools.", no_args_is_help=True)
+log_app = typer.Typer(help="Inspect logs, exchange them with other tools, recover damaged ones.", no_args_is_help=True)
 
 
 class FormatName(StrEnum):
-    """A format of other tools' logs; python-can, which reads and writes them, is loaded later."""
+    """A log format of other tools; python-can, which reads and writes it, is loaded later."""
 
     CANDUMP = "candump"
     ASC = "asc"
@@ -30,7 +30,7 @@ class FormatName(StrEnum):
 
 
 class ExportName(StrEnum):
-    """A format to export to: frames as other tools' logs have them, or signals as a table."""
+    """A format to export to: frames as a log of another tool, or signals as a table."""
 
     CANDUMP = "candump"
     ASC = "asc"
@@ -45,7 +45,7 @@ _TABLES = (ExportName.CSV, ExportName.PARQUET)
 
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def info(
-    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log, which may still be written.")],
+    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log; it may still be being written.")],
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """Show what a log is: times, result, buses with frames and rates, attachments, damage."""
@@ -75,23 +75,26 @@ def info(
         rows.extend(("lost", what) for what in found.recovered.lost)
     width = max(len(title) for title, _ in rows)
     for title, text in rows:
-        # What is of several lines, as a command line may be, stays in its column.
+        # Multi-line values, such as a command line, stay in their column.
         typer.echo(f"{title:{width}}  " + text.replace("\n", "\n" + " " * (width + 2)))
 
 
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def signals(
-    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log, which may still be written.")],
+    log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log; it may still be being written.")],
     pattern: Annotated[
-        str, typer.Argument(metavar="[PATTERN]", help="Which: '*.VehicleMotion.*', 'truth.veh1.*'; all if not given.")
+        str,
+        typer.Argument(metavar="[PATTERN]", help="Patterns: '*.VehicleMotion.*', 'truth.veh1.*'; all if not given."),
     ] = "*",
-    ranges: Annotated[bool, typer.Option("--ranges", help="Least and largest value, for which all are read.")] = False,
+    ranges: Annotated[
+        bool, typer.Option("--ranges", help="Also show the minimum and maximum, which reads all values.")
+    ] = False,
 ) -> None:
-    """List signals and true values: name, unit, how many values, from when to when."""
+    """List signals and ground truth: name, unit, number of values, first and last time."""
     from bench.record.reader import Run
 
     found = Run(readable_log(log)).signal_table(pattern, ranges=ranges).drop("comment")
-    # Numbers to the right of their columns, text to the left.
+    # Numbers are right-aligned, text is left-aligned.
     texts = [[name, *map(_cell, found[name])] for name in found.columns]
     signs = ["<" if name in ("name", "unit") else ">" for name in found.columns]
     widths = [max(map(len, column)) for column in texts]
@@ -104,7 +107,7 @@ def signals(
 def export(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")],
     kind: Annotated[
-        ExportName | None, typer.Option("--format", help="The format; as the name after -o says, if not given.")
+        ExportName | None, typer.Option("--format", help="The format; taken from the name after -o if not given.")
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
     bus: Annotated[
@@ -114,11 +117,15 @@ def export(
         list[str] | None,
         typer.Option(metavar="PATTERN", help="Tables: which signals: 'truth.*.v_x'; may be repeated; else all."),
     ] = None,
-    start_s: Annotated[float | None, typer.Option("--from", metavar="SECONDS", help="Tables: from then on.")] = None,
-    end_s: Annotated[float | None, typer.Option("--to", metavar="SECONDS", help="Tables: until before then.")] = None,
+    start_s: Annotated[
+        float | None, typer.Option("--from", metavar="SECONDS", help="Tables: start at this time.")
+    ] = None,
+    end_s: Annotated[
+        float | None, typer.Option("--to", metavar="SECONDS", help="Tables: end before this time.")
+    ] = None,
     every_s: Annotated[
         float | None,
-        typer.Option("--every", metavar="SECONDS", help="Tables: a row this often; else whenever one comes."),
+        typer.Option("--every", metavar="SECONDS", help="Tables: a row this often; else one for each value."),
     ] = None,
     labels: Annotated[bool, typer.Option("--labels", help="Tables: states by name instead of number.")] = False,
 ) -> None:
@@ -127,7 +134,7 @@ def export(
     Frames go to candump (.log), Vector ASC or BLF, or ASAM MDF 4 (.mf4). Identifiers, data, order and times (simulated,
     from 0) come back exactly with `platoon log import`.
 
-    Signals go to CSV or Parquet: a row for each time, a column for each signal, with the last value it had until then.
+    Signals go to CSV or Parquet: a row for each time, a column for each signal, sampled with zero-order hold.
     """
     chosen = kind or _export_format(out)
     for_tables = {"--signal": signal, "--from": start_s, "--to": end_s, "--every": every_s, "--labels": labels or None}
@@ -151,10 +158,10 @@ def export(
 
 @log_app.command(name="import", epilog="Exit codes: 0 done, 2 bad input.")
 def import_(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="What to import; all go into one log.")],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN.mcap", help="The log to make.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="The files to import, all into one log.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="RUN.mcap", help="The log to write.")],
     kind: Annotated[
-        FormatName | None, typer.Option("--format", help="The files' format; as their names say, if not given.")
+        FormatName | None, typer.Option("--format", help="The files' format; taken from their names if not given.")
     ] = None,
     bus: Annotated[
         list[str] | None,
@@ -164,11 +171,11 @@ def import_(
         list[str] | None,
         typer.Option(
             metavar="[BUS=]FILE",
-            help="A DBC to decode with, for all buses or one; v2v and veh1, veh2 ... have the bench's own.",
+            help="A DBC file to decode with, for all buses or one; for v2v, veh1, veh2 ... the bench's own by default.",
         ),
     ] = None,
 ) -> None:
-    """Make a log of the frames in candump (-L), ASC, BLF or MDF 4 files, with signals decoded where a DBC is known."""
+    """Import the frames of candump (-L), ASC, BLF or MDF 4 files, decoding signals where a DBC is known."""
     from bench.record.exchange import import_logs
 
     buses = {}
@@ -185,13 +192,13 @@ def import_(
 
 @log_app.command(epilog="Exit codes: 0 nothing was lost, 3 something was, 2 bad input.")
 def recover(
-    log: Annotated[Path, typer.Argument(metavar="BROKEN.mcap", help="The log of a run that was cut off or damaged.")],
+    log: Annotated[Path, typer.Argument(metavar="BROKEN.mcap", help="The truncated or damaged log.")],
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="CLEAN.mcap", help="The new log; BROKEN-recovered.mcap if not given."),
     ] = None,
 ) -> None:
-    """Make a clean log of all that is whole in a broken one, and say what was lost."""
+    """Write a clean log from everything intact in a damaged one, and report what was lost."""
     from bench.mcap.recover import recover as recovered
 
     target = out or log.with_name(f"{log.stem}-recovered.mcap")
@@ -205,10 +212,10 @@ def recover(
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def layout(
     log: Annotated[
-        Path | None, typer.Argument(metavar="[RUN.mcap]", help="For as many vehicles as this log has; else three.")
+        Path | None, typer.Argument(metavar="[RUN.mcap]", help="Use this log's number of vehicles; else three.")
     ] = None,
 ) -> None:
-    """Print a layout to import in Foxglove or Lichtblick: road, speeds, yaw rates, states, events.
+    """Print a layout to import into Foxglove or Lichtblick: road, speeds, yaw rates, states, events.
 
     For example: platoon log layout RUN.mcap > platoon.json
     """

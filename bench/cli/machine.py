@@ -1,4 +1,4 @@
-"""What this machine can do: `platoon doctor`, and `platoon vcan`, which brings CAN links where the kernel has none."""
+"""What this machine can do: `platoon doctor`, and `platoon vcan`, which provides CAN links if the kernel has none."""
 
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from bench.cli.options import LOGS
 def add_machine(app: typer.Typer) -> None:
     """Add the commands to the app."""
     app.command(
-        epilog="Exit code: the command's own, 128 + n where signal n ended it; 2 where there is no CAN to be had.",
+        epilog="Exit code: the command's own, 128 + n where signal n ended it; 2 if CAN cannot be provided.",
         context_settings={"ignore_unknown_options": True, "allow_interspersed_args": False},
     )(vcan)
     app.command()(doctor)
@@ -18,13 +18,13 @@ def add_machine(app: typer.Typer) -> None:
 
 def vcan(
     command: Annotated[list[str], typer.Argument(metavar="[--] COMMAND...", help="Any command with its arguments.")],
-    memory: Annotated[int, typer.Option(metavar="MB", help="The most memory that the small kernel may take.")] = 2048,
+    memory: Annotated[int, typer.Option(metavar="MB", help="Memory limit of the small kernel.")] = 2048,
 ) -> None:
-    """Run a command where the CAN links vcan0 to vcan16 are, also on a machine whose kernel has no CAN.
+    """Run a command with the CAN links vcan0 to vcan16, even if this machine's kernel has no CAN.
 
-    Where this kernel has the links, or lets you make them, the command runs here, and the links stay. Elsewhere it runs
-    in user-mode Linux, a kernel that is an ordinary program: one core, this machine's files, your rights on them. What
-    the command leaves running ends with it there.
+    If this kernel has the links, or lets you create them, the command runs here, and the links stay. Otherwise it runs
+    in user-mode Linux, a kernel that is an ordinary program: one core, this machine's files, your permissions. There,
+    processes that the command leaves running end with it.
     """
     from bench.vcan.run import run_command
 

@@ -54,12 +54,12 @@ def _options(
         bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
     ] = False,
 ) -> None:
-    """Take the options that go before a command."""
+    """Take the options before a command."""
 
 
 def main() -> None:
     """Run the command; show what went wrong as one message."""
-    # Before numpy is loaded: on matrices of three rows its threads only stand in each other's way.
+    # Before numpy is loaded: on matrices of three rows threads only slow it down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
     try:
@@ -68,7 +68,7 @@ def main() -> None:
         typer.echo(f"platoon: {error}", err=True)
         sys.exit(error.exit_code if isinstance(error, BenchError) else 1)
     except OSError as error:
-        # Asking whether a file is there already fails on this; of all that can be wrong with a name only on this.
+        # Of all that can be wrong with a file name, only its length makes the check for its existence fail.
         if error.errno != errno.ENAMETOOLONG:
             raise
         typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True)

@@ -19,7 +19,7 @@ Buses = Annotated[
     typer.Option(
         "--can",
         metavar="[BUS=]udp|vcan|direct|IFACE:CHANNEL",
-        help="Where the CAN buses are, all or, with BUS= before it, one: udp (multicast on this host; udp:PORT for "
+        help="Where the CAN buses are, or with BUS= one of them: udp (multicast on this host; udp:PORT for "
         "fixed ports; udp:PORT@DEVICE to reach other hosts), vcan (SocketCAN vcan0, vcan1 ...), direct (all in one "
         "process), or any python-can interface. udp if not given.",
         show_default=False,

@@ -1,4 +1,4 @@
-"""The command `platoon replay`: a log's frames go out again.
+"""The command `platoon replay`: sends a log's frames again.
 
 What it needs is imported inside it, so that help does not wait for the rest.
 """
@@ -30,19 +30,23 @@ def replay(
         ),
     ] = None,
     speed: Annotated[
-        str, typer.Option(metavar="FACTOR|max", help="1 as it was, 10 ten times as fast, max as fast as the bus takes.")
+        str,
+        typer.Option(
+            metavar="FACTOR|max", help="1 for real time, 10 for ten times as fast, max for as fast as the bus accepts."
+        ),
     ] = "1",
     only: Annotated[list[str] | None, typer.Option(metavar="BUS", help="Only this bus; may be repeated.")] = None,
     without: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="ECU", help="Leave out what this one sends, as a real one is there: veh2.tracker; may be repeated."
+            metavar="ECU",
+            help="Exclude this participant's frames, because a real one sends them: veh2.tracker; may be repeated.",
         ),
     ] = None,
-    start_s: Annotated[float | None, typer.Option("--from", metavar="S", help="Begin at this time of the log.")] = None,
+    start_s: Annotated[float | None, typer.Option("--from", metavar="S", help="Start at this time of the log.")] = None,
     end_s: Annotated[float | None, typer.Option("--to", metavar="S", help="End before this time of the log.")] = None,
 ) -> None:
-    """Send a log's frames out again, each at its time on the wire, for a real ECU, candump or SavvyCAN to see.
+    """Send a log's frames again, each at its time on the wire, as a restbus for a real ECU, candump or SavvyCAN.
 
     For example: platoon replay RUN.mcap --can vcan --without veh2.tracker
     """
@@ -68,7 +72,7 @@ def replay(
         links = {bus: stack.enter_context(open_link(bus, settled)) for bus in chosen.buses}
         typer.echo(", ".join(f"{bus} on {settled.place_of(bus)}" for bus in links))
         if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-            # A shell has what it starts with & ignore it; somebody who sends it means it.
+            # A shell makes background jobs ignore SIGINT; whoever sends it explicitly means it.
             signal.signal(signal.SIGINT, signal.default_int_handler)
         frames = (frame for frame in run.frames(start_s=start_s, end_s=end_s) if chosen.has(frame.bus, frame.can_id))
         played = play(in_order(frames), links, factor)
@@ -98,14 +102,14 @@ def _number(bus: str) -> int:
     """Return the number of a bus of the log.
 
     Raises:
-        BadInput: it is none that a bench has.
+        BadInput: a bench has no such bus.
     """
     from bench.bus.link.address import bus_number
 
     try:
         return bus_number(bus)
     except BadInput as error:
-        raise BadInput(f"{error}; the log was made elsewhere? import it with --bus {bus}=veh1") from None
+        raise BadInput(f"{error}; was the log made elsewhere? import it with --bus {bus}=veh1") from None
 
 
 def _show(played: "Played") -> None:

@@ -1,4 +1,4 @@
-"""The command `platoon resim`: runs ECUs again on what a log says they saw.
+"""The command `platoon resim`: runs ECUs again on their recorded inputs.
 
 What it needs is imported inside it, so that help does not wait for the rest.
 """
@@ -13,9 +13,11 @@ import typer
 from bench.errors import BadInput
 from bench.files import readable_log
 
-EXIT_CODES = "Exit codes: 0 they send the same, 1 not, or one never ran or failed, 2 bad input, or no room for -o."
+EXIT_CODES = (
+    "Exit codes: 0 same outputs, 1 different ones, or an ECU never ran or failed, 2 bad input, or no room for -o."
+)
 STEP_LIMIT_S = 30.0
-"""Of wall-clock time; also an ECU's first step, in which it may compile, takes far less."""
+"""Wall-clock time; even an ECU's first step, in which it may compile, takes far less."""
 
 
 def resim(
@@ -32,22 +34,22 @@ def resim(
         list[str] | None,
         typer.Option(
             metavar="[MESSAGE.SIGNAL=]VALUE",
-            help="Take values for the same that differ by at most this: 2 is two steps of each signal's resolution, "
-            "SteeringCommand.SteeringAngle=1e-4 is in the signal's unit. States must be the same.",
+            help="Accept values that differ by at most this: 2 is two steps of each signal's resolution, "
+            "SteeringCommand.SteeringAngle=1e-4 is in the signal's unit. States must be equal.",
         ),
     ] = None,
     step_limit: Annotated[
         float,
-        typer.Option(metavar="S", help="Give an ECU up that takes longer than this for a step, wall-clock time in s."),
+        typer.Option(metavar="S", help="Give up an ECU whose step takes longer than this, wall-clock time in s."),
     ] = STEP_LIMIT_S,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="NEW.mcap", help="Write the log as it would be with what they send now."),
+        typer.Option("--out", "-o", metavar="NEW.mcap", help="Write the log that would have resulted."),
     ] = None,
 ) -> None:
-    """Run ECUs again on the frames that they saw, and compare what they send: byte for byte, then signal by signal.
+    """Run ECUs again on their recorded inputs and compare their outputs, byte by byte, then signal by signal.
 
-    So a change of a controller is reviewed: platoon resim RUN.mcap --all
+    For example, to review a change of a controller: platoon resim RUN.mcap --all
     """
     from bench.record.reader import Run
     from bench.resim.fleet import run_all
@@ -72,7 +74,7 @@ def resim(
         outcomes.append(outcome)
     failed = [outcome.name for outcome in outcomes if outcome.failed]
     if out is not None and failed:
-        # It would have the frames of the run where these would send others.
+        # It would mix recorded frames with new ones.
         typer.echo(f"platoon: {out} is not written, as {', '.join(failed)} failed", err=True)
     elif out is not None:
         from bench.resim.rewrite import write

@@ -1,4 +1,4 @@
-"""What came of a run, from its log: `platoon metrics`, `report`, `diff`, `live`."""
+"""The results of a run, from its log: `platoon metrics`, `report`, `diff`, `live`."""
 
 import json
 from pathlib import Path

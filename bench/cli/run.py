@@ -1,4 +1,4 @@
-"""`platoon run` and what goes with a run: the scenarios, an ECU alone, a fault while it goes on."""
+"""`platoon run` and what belongs to it: scenarios, single ECUs, faults in a running bench."""
 
 import sys
 from contextlib import ExitStack
@@ -42,7 +42,7 @@ def run(
         str,
         typer.Option(
             metavar="lockstep|realtime",
-            help="lockstep: simulated time, as fast as the machine goes; realtime: the wall clock.",
+            help="lockstep: simulated time, as fast as the machine allows; realtime: the wall clock.",
         ),
     ] = "lockstep",
     overrides: Overrides = None,
@@ -178,7 +178,7 @@ def ecu(
     loaded = load(scenario, overrides or (), seed)
     address = Address.parse(*can)
     if address.hub is not None:
-        raise BadInput("--can direct: an ECU alone is a process of its own; allowed: udp:PORT, vcan, IFACE:CHANNEL")
+        raise BadInput("--can direct: an ECU alone is a separate process; allowed: udp:PORT, vcan, IFACE:CHANNEL")
     serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, address)
 
 
@@ -221,10 +221,10 @@ def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession
 
 
 def _prepared_fmu() -> Path:
-    """Return the vehicle's FMU, with all compiled that a run needs: of an installed package, it is done here, once.
+    """Return the vehicle's FMU; an installed package builds it and compiles the controllers here, once.
 
     Raises:
-        BadInput: there is no FMU, and none can be built.
+        BadInput: there is no FMU, and it cannot be built.
     """
     from platoon_fmu.build import in_checkout
 
@@ -241,7 +241,7 @@ def _warn(text: str) -> None:
 
 
 def _ecu_classes(chosen: list[str]) -> dict[str, str]:
-    """Return the class of each role's ECU: the bench's own but for the chosen ones.
+    """Return the class of each role's ECU: the built-in one unless another is chosen.
 
     Raises:
         BadInput: not ROLE=CLASS, or no such role.
@@ -258,17 +258,19 @@ def _ecu_classes(chosen: list[str]) -> dict[str, str]:
 
 
 def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
-    """Return where the log goes, known to be free and writable.
+    """Return where to write the log, after checking that this is possible.
 
     Raises:
         BadInput: it cannot be written there.
     """
     if out is None:
         if LOGS.exists() and not LOGS.is_dir():
-            raise BadInput(f"{LOGS} is a file, where runs should land; name another place with --out")
+            raise BadInput(
+                f"{LOGS} is a file, but runs are written to a directory of that name; give another place with --out"
+            )
         check_directory(LOGS / "any" if LOGS.exists() else LOGS)
         LOGS.mkdir(exist_ok=True)
-        # With milliseconds, so that runs started together get a log each.
+        # With milliseconds, so that runs started together get separate logs.
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")[:23]
         return LOGS / f"{name}-{moment.replace(':', '').replace('T', '-')}.mcap"
     check_new(out, ".mcap", option="--out")
@@ -278,5 +280,5 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
         out.touch(exist_ok=False)
         out.unlink()
     except OSError as error:
-        raise BadInput(f"{out} cannot be made: {error.strerror}") from error
+        raise BadInput(f"{out} cannot be created: {error.strerror}") from error
     return out

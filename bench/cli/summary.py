@@ -1,4 +1,4 @@
-"""What a person sees of a run at the terminal: progress while it goes on, its figures afterwards."""
+"""A run at the terminal: its progress, then its metrics."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,12 +13,12 @@ if TYPE_CHECKING:  # a run is to start before what its analysis needs is importe
     from bench.analysis.timing import Timing
 
 PLAIN_STEPS = 10
-"""How many lines tell the progress of a run where there is no terminal for a bar."""
+"""Number of progress lines if there is no terminal for a bar."""
 
 
 @contextmanager
 def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]:
-    """Show the progress of a run on standard error; give the function to be told the simulated time (s)."""
+    """Show the progress of a run on standard error; yield a function that takes the simulated time (s)."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _plain(console, name, duration_s)
@@ -49,16 +49,16 @@ def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], 
 
 
 def show_metrics(metrics: "Metrics") -> None:
-    """Print the figures of a run on standard output."""
+    """Print the metrics of a run on standard output."""
     console = Console()
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
     if not metrics.complete:
-        console.print("The run or its log was cut off: 'final' is the last that the log holds.")
+        console.print("The run or its log is truncated: 'final' is the last value in the log.")
 
 
 def show_timing(times: "Timing", scheduling: str) -> None:
-    """Print the times that a real-time run kept on standard output, and what the kernel has granted it."""
+    """Print a real-time run's timing on standard output, and the scheduling that the kernel granted."""
     table = Table(title=f"real time: {100 * times.miss_rate:.3f} % of the ECUs' deadlines missed", title_justify="left")
     table.add_column("node")
     for heading in ("response p50\nms", "p99\nms", "largest\nms", "jitter\nms", "missed", "longest\nin a row"):

