@@ -1,4 +1,10 @@
-"""What the buses are called, and how a node's name tells its vehicle."""
+"""What the buses and processes are called, and how a node's name tells its vehicle."""
+
+CONDUCTOR = "conductor"
+"""Name of the process that owns the clock and records."""
+
+PLANT = "plant"
+"""Name of the process that all vehicles' FMUs run in."""
 
 V2V = "v2v"
 """Name of the radio between the vehicles; vehicle i's own bus is `veh<i>`."""

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import EXTENDED
+from bench.bus.network import transmissions
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.wire.schedulability import Stream, load, response_times, streams
-from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_NS
 from bench.record import Run
 
@@ -201,8 +201,7 @@ def _sent(
 def _names(bus: str, codec: Codec) -> dict[int, tuple[str, str]]:
     """Name and sender of each message by identifier."""
     names = {}
-    for name in codec.names:
-        message = codec.message(name)
-        sender = sender_of(bus, message.senders[0]) if message.senders else ""
-        names[message.frame_id | (EXTENDED if message.is_extended_frame else 0)] = name, sender
+    for each in transmissions(bus, codec):
+        extended = EXTENDED if codec.message(each.message).is_extended_frame else 0
+        names[each.can_id | extended] = each.message, each.sender
     return names

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 from bench.analysis.bus_load import BusLoad, SentFrame
 from bench.bus.link.base import EXTENDED
 from bench.cycle import CYCLE_MS
+from bench.names import CONDUCTOR, PLANT
 
 _LEFT, _RIGHT, _TOP = 58.0, 12.0, 24.0
 _WIDTH, _ROW, _BAR = 1120.0, 30.0, 16.0
-_COLOURS = {"Conductor": "#8a8a8a", "plant": "#009e73", "planner": "#0072b2", "tracker": "#d55e00", "others": "#c8102e"}
+_COLOURS = {CONDUCTOR: "#8a8a8a", PLANT: "#009e73", "planner": "#0072b2", "tracker": "#d55e00", "others": "#c8102e"}
 _STYLE = (
     ".strip text{font:12px system-ui,sans-serif;fill:#808080}.strip .tick{stroke:#80808050}"
     ".strip .wait{stroke-width:1.5;stroke-opacity:.55}"

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from bench.analysis.step_times import percentiles
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
-from bench.bus.topic import PLANT, vehicle_bus
-from bench.bus.wire.timing import sender_of
+from bench.bus.network import transmissions
+from bench.bus.topic import vehicle_bus
 from bench.cycle import CYCLE_MS, CYCLE_NS
 from bench.errors import BadInput
+from bench.names import PLANT
 from bench.record.reader import Run
 
 BIN_MS = 0.25
@@ -166,11 +167,9 @@ def histograms(times: Timing) -> dict[str, Any]:
 def _senders(codec: Codec, bus: str) -> Mapping[str, list[int]]:
     """Identifiers of the frames with an alive counter that each node sends in every cycle on its vehicle's bus."""
     senders: dict[str, list[int]] = {}
-    for name in codec.names:
-        message, can_id = codec.message(name), codec.can_id(name)
-        sender = sender_of(bus, message.senders[0])
-        if codec.is_protected(can_id) and message.cycle_time == CYCLE_MS and sender.partition(".")[0] in (bus, PLANT):
-            senders.setdefault(f"{bus}.{PLANT}" if sender == PLANT else sender, []).append(can_id)
+    for each in transmissions(bus, codec):
+        if each.has_deadline:
+            senders.setdefault(each.station, []).append(each.can_id)
     return senders
 
 

@@ -15,6 +15,7 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
+from bench.bus.topic import V2V, vehicle_bus
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
 
@@ -335,13 +336,13 @@ def load_codecs(vehicles: int) -> dict[str, Codec]:
     """
     if not 1 <= vehicles <= MAX_VEHICLES:
         raise BadInput(f"vehicles = {vehicles}: dbc/v2v.dbc has messages for 1 to {MAX_VEHICLES} vehicles")
-    buses = {bus: DBC_DIR / ("v2v.dbc" if bus == "v2v" else "vehicle.dbc") for bus in bus_names(vehicles)}
+    buses = {bus: DBC_DIR / ("v2v.dbc" if bus == V2V else "vehicle.dbc") for bus in bus_names(vehicles)}
     return {bus: Codec(path) for bus, path in buses.items()}
 
 
 def bus_names(vehicles: int) -> tuple[str, ...]:
     """Return the names of a bench's buses in their order: v2v, veh1, veh2, ... up to `vehicles`."""
-    return ("v2v", *(f"veh{vehicle}" for vehicle in range(1, vehicles + 1)))
+    return (V2V, *map(vehicle_bus, range(1, vehicles + 1)))
 
 
 def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]]:

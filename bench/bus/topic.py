@@ -5,13 +5,10 @@ from dataclasses import dataclass
 
 from bench.names import V2V, vehicle_bus, vehicle_of
 
-__all__ = ["PLANT", "V2V", "Outgoing", "Signals", "Topic", "vehicle_bus", "vehicle_of"]
+__all__ = ["V2V", "Outgoing", "Signals", "Topic", "vehicle_bus", "vehicle_of"]
 
 Signals = Mapping[str, float]
 """The physical values of one message's signals by name, in the DBC's units."""
-
-PLANT = "plant"
-"""Name of the process that all vehicles' FMUs run in."""
 
 
 @dataclass(frozen=True, slots=True)

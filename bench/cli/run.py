@@ -172,14 +172,16 @@ def ecu(
 ) -> None:
     """Run one ECU alone, for example on another host; start the run with `--without veh1.tracker`."""
     from bench.bus.link.address import Address
-    from bench.ecu.main import DEFAULT_ECUS, serve_ecu
+    from bench.bus.network import EcuSlot
+    from bench.ecu.loading import DEFAULT_ECUS
+    from bench.ecu.main import serve_ecu
     from bench.scenario import load
 
     loaded = load(scenario, overrides or (), seed)
     address = Address.parse(*can)
     if address.hub is not None:
         raise BadInput("--can direct: an ECU alone is a separate process; allowed: udp:PORT, vcan, IFACE:CHANNEL")
-    serve_ecu(None, spec or DEFAULT_ECUS[role], role, vehicle, loaded, address)
+    serve_ecu(None, spec or DEFAULT_ECUS[role], EcuSlot(role, vehicle), loaded, address)
 
 
 def fault(
@@ -246,7 +248,7 @@ def _ecu_classes(chosen: list[str]) -> dict[str, str]:
     Raises:
         BadInput: not ROLE=CLASS, or no such role.
     """
-    from bench.ecu.main import DEFAULT_ECUS
+    from bench.ecu.loading import DEFAULT_ECUS
 
     classes = dict(DEFAULT_ECUS)
     for choice in chosen:

@@ -1,69 +1,29 @@
 """What one cycle of a run consists of: which frames are due, which have come, who keeps the others waiting."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.network import Transmission, transmissions
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import PLANT, V2V, Topic
-from bench.ecu.main import ecu_name
+from bench.bus.topic import Topic
 from bench.faults.plan import FaultPlan
+from bench.names import CONDUCTOR
 
-_CONDUCTOR = "Conductor"
-_VEHICLE = "Vehicle"
-
-
-@dataclass(frozen=True, slots=True)
-class Due:
-    """A frame that every cycle must bring.
-
-    Attributes:
-        bus: on which bus.
-        can_id: its identifier.
-        message: its name.
-        sender: name of the process that sends it.
-        protected: whether it carries an alive counter.
-        period: in every how many cycles.
-    """
-
-    bus: str
-    can_id: int
-    message: str
-    sender: str
-    protected: bool
-    period: int = 1
-
-    @property
-    def topic(self) -> Topic:
-        """The frame as something to listen to."""
-        return Topic(self.bus, self.message)
+Due = Mapping[str, Mapping[int, Transmission]]
+"""The frames that a run brings periodically, by bus and identifier."""
 
 
-def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int, Due]]:
-    """Return the bench's periodic frames by bus and identifier, as the DBC's senders and cycle times have it."""
-    due: dict[str, dict[int, Due]] = {}
-    for bus, codec in codecs.items():
-        due[bus] = {}
-        for name in codec.names:
-            message = codec.message(name)
-            sender = _sender(bus, message.senders[0], vehicles)
-            if sender is not None and message.cycle_time:
-                can_id = codec.can_id(name)
-                due[bus][can_id] = Due(bus, can_id, name, sender, codec.is_protected(can_id), codec.period(name))
-    return due
-
-
-def _sender(bus: str, node: str, vehicles: int) -> str | None:
-    """The process that is the DBC's `node` on `bus`; None for the conductor and vehicles that are not there."""
-    if node == _CONDUCTOR:
-        return None
-    if bus == V2V:
-        vehicle = int(node.removeprefix(_VEHICLE))
-        return ecu_name("planner", vehicle) if vehicle <= vehicles else None
-    if node == "Plant":
-        return PLANT
-    return f"{bus}.{node.lower()}"
+def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int, Transmission]]:
+    """Return what plant and ECUs send periodically, by bus and identifier, as the DBC's cycle times have it."""
+    return {
+        bus: {
+            each.can_id: each
+            for each in transmissions(bus, codec, vehicles)
+            if each.period and each.sender != CONDUCTOR
+        }
+        for bus, codec in codecs.items()
+    }
 
 
 class CycleFrames:
@@ -76,9 +36,7 @@ class CycleFrames:
         spoiled: frames still due that have come with a wrong CRC only, by bus and identifier.
     """
 
-    def __init__(
-        self, due: Mapping[str, Mapping[int, Due]], codecs: Mapping[str, Codec], plan: FaultPlan | None = None
-    ) -> None:
+    def __init__(self, due: Due, codecs: Mapping[str, Codec], plan: FaultPlan | None = None) -> None:
         """Begin before the first cycle."""
         self._due = due
         self._codecs = codecs
@@ -89,7 +47,7 @@ class CycleFrames:
             for bus, every in due.items()
             for can_id, each in every.items()
         }
-        self._missing: dict[str, dict[int, Due]] = {}
+        self._missing: dict[str, dict[int, Transmission]] = {}
         self._extra: dict[tuple[str, int], int] = {}
         self._count = 0
         self.number = -1
@@ -178,7 +136,7 @@ class CycleFrames:
             ):
                 yield bus, can_id, data
 
-    def missing(self) -> list[Due]:
+    def missing(self) -> list[Transmission]:
         """The frames that have not come."""
         return [due for missing in self._missing.values() for due in missing.values()]
 
@@ -203,7 +161,7 @@ def _waits(inputs: Sequence[Topic], not_come: set[Topic]) -> bool:
     return any(topic in not_come and not topic.delay for topic in inputs)
 
 
-def _silence(name: str, missing: Sequence[Due]) -> str:
+def _silence(name: str, missing: Sequence[Transmission]) -> str:
     first = missing[0]
     more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
     return f"{name} sends no {first.message} (0x{first.can_id:03X} on {first.bus}){more}"

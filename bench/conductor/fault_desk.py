@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from bench.conductor.seats import refuse_outages
+from bench.conductor.free_slots import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
 from bench.events import FaultBegins, FaultEnds, FaultRequested

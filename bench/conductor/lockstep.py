@@ -15,16 +15,16 @@ from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
-from bench.bus.topic import PLANT
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.free_slots import FreeSlots
 from bench.conductor.outages import Outages
-from bench.conductor.seats import Seats
 from bench.cycle import time_of
 from bench.errors import RunFailed
 from bench.events import EcuFailed
 from bench.faults.plan import FaultPlan
+from bench.names import PLANT
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
@@ -54,7 +54,7 @@ class Lockstep:
         vehicles: int,
         silence_s: float,
         desk: FaultDesk,
-        seats: Seats,
+        free: FreeSlots,
         *,
         go_on: bool = False,
     ) -> None:
@@ -66,14 +66,14 @@ class Lockstep:
             vehicles: how many.
             silence_s: longest wall-clock time in s without a frame.
             desk: where faults are taken in.
-            seats: those left free for ECUs that somebody starts by hand.
+            free: the slots of ECUs that somebody starts by hand.
             go_on: whether the run goes on without an ECU that has failed.
         """
         self._links = links
         self._codecs = codecs
         self._silence_s = silence_s
         self._desk = desk
-        self._seats = seats
+        self._free = free
         self._plan: FaultPlan = desk.plan
         self._outages = Outages(self._plan)
         self._go_on = go_on
@@ -137,9 +137,9 @@ class Lockstep:
     def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
         """See `Listener`."""
         if self._frames.number < 0:
-            self._seats.note(bus, frames)
+            self._free.note(bus, frames)
             return
-        self._frames.take(bus, self._seats.without_signs(bus, frames))
+        self._frames.take(bus, self._free.without_signs(bus, frames))
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""

@@ -53,7 +53,7 @@ class Brood:
 
     Attributes:
         children: the processes to be forked.
-        preload: ECU classes to import before forking, see `bench.ecu.main.load_class`.
+        preload: ECU classes to import before forking, see `bench.ecu.loading.load_class`.
         reports: writing end of the pipe for reports.
         orders: reading end of the pipe on which names of children to be forked again come, a line each.
         board: file descriptor of the fault board.
@@ -117,7 +117,7 @@ class _Nursery:
     def _preload(self) -> None:
         # Not at the top: the early children do without these imports and need not wait for them.
         from bench.bus.codec import load_codecs
-        from bench.ecu.main import load_classes
+        from bench.ecu.loading import load_classes
 
         # Reads the DBC files, which it keeps.
         load_codecs(1)

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Mapping
 
 import psutil
 
+from bench.names import CONDUCTOR
 from bench.record.process_usage import ProcessUsage
 
 PERIOD_S = 1.0
 """Wall-clock time in s between two samples; one costs some 0.1 ms a process."""
-
-CONDUCTOR = "conductor"
 
 
 class ProcessWatch:

@@ -23,18 +23,19 @@ from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
-from bench.bus.topic import PLANT, V2V
+from bench.bus.topic import V2V
 from bench.conductor.clock import CLOCK, PRIORITY
 from bench.conductor.crew import Crew, Ended
-from bench.conductor.cycle import Due, frames_due
+from bench.conductor.cycle import frames_due
 from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.free_slots import FreeSlots
 from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.conductor.lockstep import PROGRESS_CYCLES
 from bench.conductor.outages import Outages
-from bench.conductor.seats import Seats
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
+from bench.names import PLANT
 
 if TYPE_CHECKING:  # the recorder's imports take place while the processes start
     from bench.conductor.recorder import Recorder
@@ -105,7 +106,7 @@ class Realtime:
         vehicles: int,
         silence_s: float,
         desk: FaultDesk,
-        seats: Seats,
+        free: FreeSlots,
         *,
         go_on: bool = False,
     ) -> None:
@@ -117,26 +118,28 @@ class Realtime:
             vehicles: how many.
             silence_s: longest time in s without a frame of the clock or of an ECU that no fault has silenced.
             desk: where faults are taken in.
-            seats: those left free for ECUs that somebody starts by hand.
+            free: the slots of ECUs that somebody starts by hand.
             go_on: whether the run goes on without an ECU that has failed.
         """
         self._links = links
         self._codecs = codecs
         self._silence_s = silence_s
         self._desk = desk
-        self._seats = seats
+        self._free = free
         self._outages = Outages(desk.plan)
         self._go_on = go_on
         due = frames_due(codecs, vehicles)
         self._sync_ids = {bus: codec.can_id(BENCH_SYNC) for bus, codec in codecs.items()}
         self._expected = {
             bus: {
-                can_id: _Expected(_name(each), each.protected, codecs[bus].data_id(each.message))
+                can_id: _Expected(each.station, each.protected, codecs[bus].data_id(each.message))
                 for can_id, each in frames.items()
             }
             for bus, frames in due.items()
         }
-        self._senders = _senders(due)
+        self._senders = {
+            each.station: bus for bus, every in due.items() for each in every.values() if each.has_deadline
+        }
         self._open: dict[int, _Cycle] = defaultdict(_Cycle)
         # By bus: the conductor reads one after the other, and may be behind with all of them.
         self._newest = dict.fromkeys(codecs, -1)
@@ -228,8 +231,8 @@ class Realtime:
         if times is None:
             times = [time.time_ns()] * len(frames)
         if self.cycle < 0:
-            self._seats.note(bus, frames)
-        kept = self._seats.without_signs(bus, frames)
+            self._free.note(bus, frames)
+        kept = self._free.without_signs(bus, frames)
         if len(kept) < len(frames):
             times = [received for frame, received in zip(frames, times, strict=True) if frame in kept]
         sync_id = self._sync_ids[bus]
@@ -395,18 +398,3 @@ class Realtime:
         scheduling = events.Scheduling(all(granted), alone, len(pids), len(cores))
         self.scheduling = scheduling.text
         recorder.event(0, scheduling)
-
-
-def _senders(due: Mapping[str, Mapping[int, Due]]) -> dict[str, str]:
-    """Whose frames have a deadline in every cycle: name, and the bus whose BenchSync ends their cycle."""
-    senders: dict[str, str] = {}
-    for bus, frames in due.items():
-        for each in frames.values():
-            if each.protected and each.period == 1 and bus != V2V:
-                senders[_name(each)] = bus
-    return senders
-
-
-def _name(due: Due) -> str:
-    """The sender of a frame; the plant is one of its own on each bus."""
-    return f"{due.bus}.{PLANT}" if due.sender == PLANT else due.sender

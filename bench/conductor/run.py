@@ -13,13 +13,13 @@ from bench.bus.link.address import Address, settle
 from bench.bus.link.opening import LinkError, open_link
 from bench.bus.wire.schedulability import check_load
 from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.free_slots import FreeSlots, described, free_slots, refuse_outages
 from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
 from bench.conductor.realtime import Realtime
-from bench.conductor.seats import Seats, free_seats, refuse_outages
 from bench.conductor.stage import Stage
-from bench.ecu.main import DEFAULT_ECUS, load_class
+from bench.ecu.loading import DEFAULT_ECUS, load_class
 from bench.errors import BadInput, RunFailed
 from bench.events import RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
@@ -95,7 +95,7 @@ def run(
         out: the log to write; it must not exist.
         command_line: how the run was called, for the log.
         on_progress: called now and then with the simulated time in s.
-        ecus: class of each role's ECU, as `bench.ecu.main.load_class` takes it.
+        ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
         without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
         without_wait_s: wall-clock time in s that the run waits for them.
         on_waiting: called with a line for a person before the run waits for them.
@@ -114,7 +114,7 @@ def run(
         raise BadInput(f"the log {out} exists; give another file with --out, or remove it")
     fmu = fmu or _built_fmu()
     vehicles = len(scenario.vehicles)
-    free = free_seats(without, vehicles, address)
+    free = free_slots(without, vehicles, address)
     refuse_outages(scenario.faults, without)
     _check_ecus(ecus)
     if realtime and address.hub is not None:
@@ -132,9 +132,9 @@ def run(
         stack.enter_context(as_batch_work())
         desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, out, without))
         go_on = scenario.on_ecu_failure == "continue"
-        seats = Seats(free, codecs, vehicles)
+        waiting = FreeSlots(free, codecs, vehicles)
         clock = Realtime if realtime else Lockstep
-        conducted: Lockstep | Realtime = clock(links, codecs, vehicles, silence_s, desk, seats, go_on=go_on)
+        conducted: Lockstep | Realtime = clock(links, codecs, vehicles, silence_s, desk, waiting, go_on=go_on)
         crew = stage.crew(links, conducted, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
         from bench.bus.wire.timing import BusTimeline
@@ -150,9 +150,9 @@ def run(
         try:
             crew.wait_ready(READY_S)
             if free and on_waiting is not None:
-                there = "; ".join(seat.described(settled) for seat in free)
+                there = "; ".join(described(slot, settled) for slot in free)
                 on_waiting(f"waiting for {there} (at most {without_wait_s:g} s) ...")
-            seats.wait(crew, without_wait_s)
+            waiting.wait(crew, without_wait_s)
             startup_s = time.perf_counter() - called
             # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
             gc.freeze()

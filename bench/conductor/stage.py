@@ -16,15 +16,17 @@ from bench.bus.codec import Codec
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
+from bench.bus.network import EcuSlot
 from bench.bus.node import Node
 from bench.bus.ties import Truth
-from bench.bus.topic import PLANT, Topic
+from bench.bus.topic import Topic
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew, Maker
 from bench.conductor.interrupts import Interrupts
-from bench.ecu.main import buses_of, ecu_name, load_classes, make_node
+from bench.ecu.loading import load_classes, make_node
 from bench.faults.plan import FaultPlan
+from bench.names import PLANT
 from bench.plant.description import FmuDescription
 from bench.scenario import Scenario
 
@@ -45,7 +47,7 @@ class Stage:
         codecs: codec of every bus.
         fmu: the vehicle's FMU file.
         description: its modelDescription.
-        ecus: class of each role's ECU, as `bench.ecu.main.load_class` takes it.
+        ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
         without: names of ECUs that are not to be started.
         plan: the faults of the run.
         board: file descriptor of the fault board, which `plan` reads.
@@ -78,7 +80,7 @@ class Stage:
         if self.address.hub is None:
             crew = ProcessCrew(self._members(), tuple(self.ecus.values()), links, listener, interrupts, self.board)
             return stack.enter_context(crew)
-        names = [ecu_name(role, vehicle) for role, vehicle in self._roles()]
+        names = [slot.name for slot in self._slots()]
         return DirectCrew(self._plant(listener, stack), names, self._maker(stack), links, listener, interrupts)
 
     def metadata(self, command_line: Sequence[str]) -> dict[str, str]:
@@ -109,19 +111,15 @@ class Stage:
             "modelDescription.xml": self.description.xml,
         }
 
-    def _roles(self) -> list[tuple[str, int]]:
-        return [(role, vehicle) for role in self.ecus for vehicle in range(1, self.vehicles + 1)]
+    def _slots(self) -> list[EcuSlot]:
+        return [EcuSlot(role, vehicle) for role in self.ecus for vehicle in range(1, self.vehicles + 1)]
 
     def _members(self) -> list[Member]:
         plant = Member(PLANT, "bench.plant.main:serve_plant", (self.scenario, self.fmu, self.address), early=True)
         ecus = [
-            Member(
-                ecu_name(role, vehicle),
-                "bench.ecu.main:serve_ecu",
-                (self.ecus[role], role, vehicle, self.scenario, self.address),
-            )
-            for role, vehicle in self._roles()
-            if ecu_name(role, vehicle) not in self.without
+            Member(slot.name, "bench.ecu.main:serve_ecu", (self.ecus[slot.role], slot, self.scenario, self.address))
+            for slot in self._slots()
+            if slot.name not in self.without
         ]
         if not self.realtime:
             return [plant, *ecus]
@@ -142,12 +140,12 @@ class Stage:
 
     def _maker(self, stack: ExitStack) -> Maker:
         load_classes(self.ecus.values())
-        places = {ecu_name(role, vehicle): (role, vehicle) for role, vehicle in self._roles()}
+        slots = {slot.name: slot for slot in self._slots()}
 
         def make(name: str) -> tuple[Node, tuple[Topic, ...]]:
-            role, vehicle = places[name]
-            links = {bus: stack.enter_context(open_link(bus, self.address)) for bus in buses_of(role, vehicle)}
-            node, ecu = make_node(self.ecus[role], role, vehicle, self.scenario, links, self.codecs, self.plan)
+            slot = slots[name]
+            links = {bus: stack.enter_context(open_link(bus, self.address)) for bus in slot.buses}
+            node, ecu = make_node(self.ecus[slot.role], slot, self.scenario, links, self.codecs, self.plan)
             return node, tuple(ecu.inputs)
 
         return make

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from bench.bus.codec import Codec, SignalBits
+from bench.bus.network import process_of
 from bench.bus.states import ActuatorState, EcuState
 from bench.events import StateChange
+from bench.names import PLANT
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages that show a state, and the signal that does."""
@@ -63,8 +65,8 @@ def _watched(bus: str, name: str, codec: Codec) -> _Watched:
     message = codec.message(name)
     signals = {signal.name: signal for signal in message.signals}
     (state,) = (bits for bits in codec.bits(name) if bits.signal == _STATES[name])
-    node = message.senders[0].lower()
-    source = f"{bus}.actuators" if node == "plant" else f"{bus}.{node}"
+    sender = process_of(bus, message.senders[0])
+    source = f"{bus}.actuators" if sender == PLANT else sender
     causes = signals[_CAUSE].choices if _CAUSE in signals else None
     return _Watched(source, state, _texts(signals[state.signal].choices), _texts(causes))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from bench.bus.codec import Codec
 from bench.bus.link.base import Link
+from bench.bus.network import EcuSlot
 from bench.bus.states import EcuState
 from bench.bus.topic import vehicle_bus
 from bench.ecu.runtime import EcuNode
@@ -14,7 +15,7 @@ SIGN_PERIOD_S = 0.1
 """Wall-clock time in s between two signs of life, as the DBC has it."""
 
 
-def await_bench(node: EcuNode, role: str, vehicle: int, links: Mapping[str, Link], codecs: Mapping[str, Codec]) -> None:
+def await_bench(node: EcuNode, slot: EcuSlot, links: Mapping[str, Link], codecs: Mapping[str, Codec]) -> None:
     """Wait for the first BenchSync, as long as it takes, and send the status with State Wait until then.
 
     Nobody takes a status as an input, so it changes nothing for the others.
@@ -22,7 +23,7 @@ def await_bench(node: EcuNode, role: str, vehicle: int, links: Mapping[str, Link
     Raises:
         RunFailed: a bus went down.
     """
-    bus, status = vehicle_bus(vehicle), f"{role.capitalize()}Status"
+    bus, status = vehicle_bus(slot.vehicle), slot.message("Status")
     values = codecs[bus].start_values(status) | {"State": EcuState.WAIT}
     can_id, data = codecs[bus].encode(status, values)
     next_sign = time.monotonic()

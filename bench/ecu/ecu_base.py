@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from time import perf_counter
 from typing import ClassVar, final
 
+from bench.bus.network import EcuSlot
 from bench.bus.reception import Health, Reception
 from bench.bus.states import EcuState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
@@ -33,7 +34,8 @@ class EcuBase(ABC):
         self.vehicle = vehicle
         self.scenario = scenario
         self._bus = vehicle_bus(vehicle)
-        self.name = f"{self._bus}.{self.role}"
+        self._slot = EcuSlot(self.role, vehicle)
+        self.name = self._slot.name
         self.inputs: tuple[Topic, ...] = tuple(
             dict.fromkeys((*self._own_inputs(), *map(self._topic, self.more_inputs)))
         )
@@ -50,10 +52,10 @@ class EcuBase(ABC):
         self.cycle, self.time_s, self.health, self._received = cycle, time_s, health, inputs
         self._diagnostics = {}
         messages, state = self._work()
-        name = self.role.capitalize()
-        status: Signals = {"State": state, **self._diagnostics.pop(f"{name}Status", {})}
-        own = {f"{name}Status": status, f"{name}BusHealth": self._bus_health(), **self._diagnostics}
-        timing: dict[str, Signals] = {f"{name}Timing": {"StepTime": 1e6 * (perf_counter() - begin)}}
+        name = self._slot.message
+        status: Signals = {"State": state, **self._diagnostics.pop(name("Status"), {})}
+        own = {name("Status"): status, name("BusHealth"): self._bus_health(), **self._diagnostics}
+        timing: dict[str, Signals] = {name("Timing"): {"StepTime": 1e6 * (perf_counter() - begin)}}
         return [*messages, *self._outgoing(own), *self._outgoing(timing)]
 
     def received(self, message: str) -> Signals | None:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from time import perf_counter
 
+from bench.bus.network import EcuSlot
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
@@ -67,7 +68,7 @@ class PlannerEcu:
             ValueError: the planner's settings do not go together.
         """
         count = len(scenario.vehicles)
-        self.name = f"veh{vehicle}.planner"
+        self.name = EcuSlot("planner", vehicle).name
         self._vehicle = vehicle
         self._bus = vehicle_bus(vehicle)
         self._platoon = scenario.platoon

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.bus.network import EcuSlot
 from bench.bus.reception import Health
 from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
@@ -80,7 +81,7 @@ class TrackerEcu:
         Raises:
             ValueError: the tracker's settings do not go together.
         """
-        self.name = f"veh{vehicle}.tracker"
+        self.name = EcuSlot("tracker", vehicle).name
         self._bus = vehicle_bus(vehicle)
         self._parameters = VehicleParameters()
         self._tracker = Tracker(scenario.tracker, self._parameters, CYCLE_S)

@@ -41,7 +41,7 @@ class Bench(Protocol):
         """Names of all buses."""
 
     def senders(self, bus: str) -> Mapping[str, str]:
-        """Return the DBC's sender of each message on a bus, by name, without those of the bench itself."""
+        """Return which process sends each message on a bus, by the message's name, without the conductor's."""
 
     def signals(self, bus: str, message: str) -> Sequence[str]:
         """Return the names of a message's signals, without CRC and counter."""

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from bench.faults.base import LOST, ON_TIME, Bench, FrameContext, Memory, Passage, Probability, Problem
 from bench.faults.frames import FrameFault
+from bench.names import PLANT
 
 
 class SignalFault(FrameFault):
@@ -36,7 +37,7 @@ class SensorFault(FrameFault):
 
     def messages(self, bench: Bench) -> Sequence[str]:
         """See `FrameFault`."""
-        return [message for message, sender in bench.senders(self.bus).items() if sender == "Plant"]
+        return [message for message, sender in bench.senders(self.bus).items() if sender == PLANT]
 
 
 class SignalStuck(SignalFault):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.bus.codec import Codec
-from bench.bus.wire.timing import sender_of
+from bench.bus.network import process_of
 from bench.errors import BadInput
 from bench.record.reader import Run
 
@@ -65,14 +65,10 @@ def _sent_by(run: Run, bus: str, attached: Codec | None) -> dict[str, set[int]]:
     for message in run.messages(bus):
         nodes = run.log.channel(f"/signals/{bus}/{message}").metadata.get("sender", "")
         for node in filter(None, nodes.split(", ")):
-            found.setdefault(_participant(bus, node), set()).add(run.can_id(bus, message))
+            found.setdefault(process_of(bus, node), set()).add(run.can_id(bus, message))
     # A message of which no frame had the right length was not decoded.
     for described in map(attached.message, attached.names) if attached else ():
-        for participant in (_participant(bus, node) for node in described.senders):
+        for participant in (process_of(bus, node) for node in described.senders):
             if participant in found:
                 found[participant].add(described.frame_id)
     return found
-
-
-def _participant(bus: str, node: str) -> str:
-    return "conductor" if node == "Conductor" else sender_of(bus, node)

@@ -26,7 +26,7 @@ class Job:
 
     Attributes:
         log: what it saw and sent.
-        spec: its class, as `bench.ecu.main.load_class` takes it.
+        spec: its class, as `bench.ecu.loading.load_class` takes it.
         scenario: that of the run.
         faults: all faults of the run, in the order that chance knows them by.
         tolerance: what its frames may differ by.
@@ -41,7 +41,7 @@ class Job:
     @property
     def name(self) -> str:
         """Name of the ECU: `veh2.tracker`."""
-        return self.log.seat.name
+        return self.log.slot.name
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from importlib import metadata
 
 from bench.bus.codec import Codec, load_codecs
-from bench.conductor.seats import Seat
+from bench.bus.network import ROLES, EcuSlot
 from bench.conductor.stage import BY_HAND
 from bench.cycle import time_of
-from bench.ecu.main import DEFAULT_ECUS, load_classes, sends_of
+from bench.ecu.loading import DEFAULT_ECUS, load_classes
 from bench.errors import BadInput, RunFailed
 from bench.record.reader import Run
 from bench.resim.history import History, read_history
@@ -31,7 +31,7 @@ class Plan:
         run: the log.
         codecs: codec of every bus.
         jobs: the ECUs, in their order.
-        seats: all ECUs of the run.
+        slots: all ECUs of the run.
         specs: class of each of the run's ECUs, by name, also of those that are not run again.
         realtime: whether the wall clock paced the run.
         notes: what a person must know of the log, a sentence each.
@@ -40,7 +40,7 @@ class Plan:
     run: Run
     codecs: Mapping[str, Codec]
     jobs: tuple[Job, ...]
-    seats: tuple[Seat, ...]
+    slots: tuple[EcuSlot, ...]
     specs: Mapping[str, str]
     realtime: bool
     notes: tuple[str, ...]
@@ -66,51 +66,51 @@ def make_plan(
     scenario = run.scenario
     vehicles = len(scenario.vehicles)
     codecs = load_codecs(vehicles)
-    seats = {seat.name: seat for seat in (Seat(role, n + 1) for n in range(vehicles) for role in DEFAULT_ECUS)}
-    chosen = _chosen(run, names, seats, every=every)
+    slots = {slot.name: slot for slot in (EcuSlot(role, n + 1) for n in range(vehicles) for role in ROLES)}
+    chosen = _chosen(run, names, slots, every=every)
     given = _given_classes(classes, chosen)
-    specs = {name: given.get(seat.role, DEFAULT_ECUS[seat.role]) for name, seat in seats.items()}
-    notes = [note for seat in chosen if (note := _class_note(run, seat, given))]
-    sent = [topic for seat in chosen for topic in sends_of(seat.role, seat.vehicle, codecs)]
+    specs = {name: given.get(slot.role, DEFAULT_ECUS[slot.role]) for name, slot in slots.items()}
+    notes = [note for slot in chosen if (note := _class_note(run, slot, given))]
+    sent = [topic for slot in chosen for topic in slot.sends(codecs)]
     tolerance = parse(tolerances, {topic.message: codecs[topic.bus] for topic in sent})
     history = read_history(run)
-    load_classes(dict.fromkeys(specs[seat.name] for seat in chosen))
+    load_classes(dict.fromkeys(specs[slot.name] for slot in chosen))
     buses = read_buses(run, codecs, scenario.cycles)
     completed = run.result.get("status") == "completed"
     cycles = scenario.cycles if completed else None
     jobs = []
-    for seat in chosen:
-        ended = history.ended.get(seat.name)
-        log = EcuLog(seat, buses, codecs, history.faults, cycles=cycles, until=ended)
-        jobs.append(Job(log, specs[seat.name], scenario, history.faults, tolerance))
+    for slot in chosen:
+        ended = history.ended.get(slot.name)
+        log = EcuLog(slot, buses, codecs, history.faults, cycles=cycles, until=ended)
+        jobs.append(Job(log, specs[slot.name], scenario, history.faults, tolerance))
     realtime = any(job.log.realtime for job in jobs)
     notes += _notes(run, codecs, history, jobs, realtime=realtime)
-    return Plan(run, codecs, tuple(jobs), tuple(seats.values()), specs, realtime, tuple(notes))
+    return Plan(run, codecs, tuple(jobs), tuple(slots.values()), specs, realtime, tuple(notes))
 
 
-def class_in(run: Run, seat: Seat) -> str:
+def class_in(run: Run, slot: EcuSlot) -> str:
     """Return which class an ECU was in the run, as its metadata has it; empty where they do not tell.
 
     An entry `ecu veh2.tracker` goes before that of all trackers, `ecu tracker`.
     """
-    return run.metadata.get(f"ecu {seat.name}") or run.metadata.get(f"ecu {seat.role}", "")
+    return run.metadata.get(f"ecu {slot.name}") or run.metadata.get(f"ecu {slot.role}", "")
 
 
-def _chosen(run: Run, names: Sequence[str], seats: Mapping[str, Seat], *, every: bool) -> list[Seat]:
+def _chosen(run: Run, names: Sequence[str], slots: Mapping[str, EcuSlot], *, every: bool) -> list[EcuSlot]:
     for name in names:
         if not _NAME.fullmatch(name):
-            raise BadInput(f"--ecu {name}: want the name of an ECU; this log's are {', '.join(seats)}")
-        if name not in seats:
-            raise RunFailed(f"{name} never ran in {run.path}; its ECUs are {', '.join(seats)}")
+            raise BadInput(f"--ecu {name}: want the name of an ECU; this log's are {', '.join(slots)}")
+        if name not in slots:
+            raise RunFailed(f"{name} never ran in {run.path}; its ECUs are {', '.join(slots)}")
     if every:
-        return list(seats.values())
+        return list(slots.values())
     if not names:
-        raise BadInput(f"give --all, or --ecu with one of {', '.join(seats)}")
-    return [seats[name] for name in dict.fromkeys(names)]
+        raise BadInput(f"give --all, or --ecu with one of {', '.join(slots)}")
+    return [slots[name] for name in dict.fromkeys(names)]
 
 
-def _given_classes(classes: Sequence[str], chosen: Sequence[Seat]) -> dict[str, str]:
-    roles = list(dict.fromkeys(seat.role for seat in chosen))
+def _given_classes(classes: Sequence[str], chosen: Sequence[EcuSlot]) -> dict[str, str]:
+    roles = list(dict.fromkeys(slot.role for slot in chosen))
     found = {}
     for text in classes:
         role, equals, spec = text.partition("=")
@@ -122,24 +122,24 @@ def _given_classes(classes: Sequence[str], chosen: Sequence[Seat]) -> dict[str, 
     return found
 
 
-def _class_note(run: Run, seat: Seat, given: Mapping[str, str]) -> str:
+def _class_note(run: Run, slot: EcuSlot, given: Mapping[str, str]) -> str:
     """Say where the class that ran is another than the one that is to be run.
 
     Raises:
         BadInput: it is not the bench's own, and nobody has said which to take.
     """
-    own = DEFAULT_ECUS[seat.role]
-    ran = class_in(run, seat) or own
-    now = given.get(seat.role, own)
+    own = DEFAULT_ECUS[slot.role]
+    ran = class_in(run, slot) or own
+    now = given.get(slot.role, own)
     if ran == now:
         return ""
-    if seat.role not in given and ran != BY_HAND:
+    if slot.role not in given and ran != BY_HAND:
         raise BadInput(
-            f"{run.path}: {seat.name} ran as {ran}; give --class {seat.role}={ran} for that one (where the file is "
-            f"there and you trust it), or --class {seat.role}={own} for the bench's own"
+            f"{run.path}: {slot.name} ran as {ran}; give --class {slot.role}={ran} for that one (where the file is "
+            f"there and you trust it), or --class {slot.role}={own} for the bench's own"
         )
     how = f"was {BY_HAND}" if ran == BY_HAND else f"ran as {ran}"
-    return f"{seat.name} {how}, and is {now} here"
+    return f"{slot.name} {how}, and is {now} here"
 
 
 def _notes(

@@ -42,7 +42,7 @@ class Feed:
 
     def _step_times(self) -> npt.NDArray[np.int64]:
         """When each timing message of the ECU was received, and how long it says that the step took (2, n), ns."""
-        bus, name = vehicle_bus(self._log.seat.vehicle), f"{self._log.seat.role.capitalize()}Timing"
+        bus, name = vehicle_bus(self._log.slot.vehicle), self._log.slot.message("Timing")
         codec, table = self._log.codecs[bus], self._log.buses[bus].table
         if name not in codec.names:
             return np.zeros((2, 0), np.int64)

@@ -11,12 +11,11 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.bus.e2e import check
 from bench.bus.inbox import BENCH_SYNC
+from bench.bus.network import EcuSlot
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.topic import Topic
-from bench.conductor.seats import Seat
 from bench.cycle import CYCLE_NS
-from bench.ecu.main import buses_of, sends_of
 from bench.faults.base import Fault
 from bench.record.reader import Run
 
@@ -101,7 +100,7 @@ class EcuLog:
     """The frames of an ECU's buses.
 
     Attributes:
-        seat: which ECU.
+        slot: which ECU.
         buses: its buses' frames, by name, in the order the ECU has its links in.
         end: the first cycle that is not compared, as the log does not hold it whole.
         whole: whether that is the end of the run.
@@ -109,7 +108,7 @@ class EcuLog:
 
     def __init__(
         self,
-        seat: Seat,
+        slot: EcuSlot,
         buses: Mapping[str, BusLog],
         codecs: Mapping[str, Codec],
         faults: Collection[Fault],
@@ -120,22 +119,22 @@ class EcuLog:
         """Pick the ECU's buses out of a log's.
 
         Args:
-            seat: which ECU.
+            slot: which ECU.
             buses: the log's buses.
             codecs: codec of every bus.
             faults: all faults of the run.
             cycles: how many the run had; None where it was not completed or its log has no end.
             until: the cycle in which the ECU failed, None where it did not.
         """
-        self.seat = seat
-        self.codecs = {bus: codecs[bus] for bus in buses_of(seat.role, seat.vehicle)}
+        self.slot = slot
+        self.codecs = {bus: codecs[bus] for bus in slot.buses}
         self.buses = {bus: buses[bus] for bus in self.codecs if bus in buses}
         self._absent_ids = {bus: codec.can_id(BENCH_ABSENT) for bus, codec in self.codecs.items()}
         self._own = {
             bus: frozenset(codecs[bus].can_id(t.message) for t in self._sends if t.bus == bus) for bus in self.codecs
         }
         others = {bus: frozenset(codec.can_ids) - self._own[bus] for bus, codec in self.codecs.items()}
-        places = {place for fault in faults for place in fault.identifiers(seat.name)}
+        places = {place for fault in faults for place in fault.identifiers(slot.name)}
         # Frames with an identifier of another node cannot be told from that one's.
         self._babble = {(bus, can_id) for bus, can_id in places if can_id not in others[bus]}
         gap = _first_gap([log.synced for log in self.buses.values()]) if len(self.buses) == len(self.codecs) else 0
@@ -162,7 +161,7 @@ class EcuLog:
 
     @property
     def _sends(self) -> list[Topic]:
-        return sends_of(self.seat.role, self.seat.vehicle, self.codecs)
+        return self.slot.sends(self.codecs)
 
     def is_own(self, frame: Frame) -> bool:
         """Return whether this ECU sends the frame's identifier, or announces one of its frames as absent."""

@@ -22,7 +22,7 @@ from bench.conductor.interrupts import Interrupts
 from bench.conductor.outages import Outages
 from bench.conductor.realtime import SETTLE_CYCLES
 from bench.cycle import time_of
-from bench.ecu.main import load_class, sends_of
+from bench.ecu.loading import load_class
 from bench.ecu.runtime import EcuNode
 from bench.faults.base import Fault
 from bench.faults.plan import FaultPlan, is_off
@@ -61,7 +61,7 @@ class Rerun:
 
         Args:
             log: what it saw.
-            spec: its class, as `bench.ecu.main.load_class` takes it.
+            spec: its class, as `bench.ecu.loading.load_class` takes it.
             scenario: that of the run.
             faults: all faults of the run, in the order that chance knows them by.
             limit: of the time that a step may take.
@@ -80,7 +80,7 @@ class Rerun:
         self._now_s = 0.0
         self._witnesses: list[Witness] = []
         self._stack = ExitStack()
-        name = log.seat.name
+        name = log.slot.name
         mine = [fault for fault in faults if fault.outage and fault.outage.ecu == name]
         self._outages = Outages(FaultPlan(mine))
         # Not entered: signals end this process as they end any other.
@@ -127,15 +127,15 @@ class Rerun:
         """See `bench.conductor.crew.Listener`; what an ECU in this process says goes to this process's output."""
 
     def _make(self, _name: str) -> tuple[Node, tuple[Topic, ...]]:
-        seat, codecs = self._log.seat, self._log.codecs
+        slot, codecs = self._log.slot, self._log.codecs
         self._fresh = True
         with self._limit.making():
-            ecu = self._class(seat.vehicle, self._scenario)
+            ecu = self._class(slot.vehicle, self._scenario)
         witness = Witness(ecu, self._limit)
         self._witnesses.append(witness)
         links = {bus: DirectLink(bus, self._hub) for bus in codecs}
-        sends = sends_of(seat.role, seat.vehicle, codecs)
-        node = EcuNode(seat.name, witness, links, codecs, sends, self._plan, clock=lambda: self._now_s)
+        sends = slot.sends(codecs)
+        node = EcuNode(slot.name, witness, links, codecs, sends, self._plan, clock=lambda: self._now_s)
         return node, witness.inputs
 
     def _work(self) -> list[Frame]:
@@ -177,7 +177,7 @@ class Rerun:
         for cycle in range(self._log.end):
             faults = self._plan.at(cycle)
             # Of one that is off its bus nobody heard, but it went on.
-            unheard = any(is_off(self._log.seat.name, bus, faults) for bus in self._links)
+            unheard = any(is_off(self._log.slot.name, bus, faults) for bus in self._links)
             if not unheard and not feed.own(cycle):
                 continue
             for number in range(prepared, cycle + 1):

@@ -16,7 +16,7 @@ import numpy as np
 from bench.bus.topic import Topic
 from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_NS
-from bench.ecu.main import load_class, sends_of
+from bench.ecu.loading import load_class
 from bench.errors import RunFailed
 from bench.files import written_aside
 from bench.record.can_frame import Frame
@@ -82,8 +82,8 @@ def _classes(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, str]:
     """What the metadata say of the ECUs' classes: one entry for those of a role where all are the same."""
     again = {outcome.name: outcome.spec for outcome in outcomes}
     of_role: dict[str, dict[str, str]] = defaultdict(dict)
-    for seat in plan.seats:
-        of_role[seat.role][seat.name] = again.get(seat.name) or class_in(plan.run, seat)
+    for slot in plan.slots:
+        of_role[slot.role][slot.name] = again.get(slot.name) or class_in(plan.run, slot)
     found: dict[str, str] = {}
     for role, classes in of_role.items():
         different = set(classes.values())
@@ -97,9 +97,9 @@ def _own_times(plan: Plan, outcomes: Sequence[Outcome]) -> set[tuple[str, int]]:
     again = {outcome.name for outcome in outcomes}
     return {
         (topic.bus, can_id)
-        for seat in plan.seats
-        if seat.name in again
-        for topic in sends_of(seat.role, seat.vehicle, plan.codecs)
+        for slot in plan.slots
+        if slot.name in again
+        for topic in slot.sends(plan.codecs)
         if plan.codecs[topic.bus].is_wall_clock(can_id := plan.codecs[topic.bus].can_id(topic.message))
     }
 
@@ -107,9 +107,9 @@ def _own_times(plan: Plan, outcomes: Sequence[Outcome]) -> set[tuple[str, int]]:
 def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
     """What each ECU takes, which its frames wait for on the wire."""
     found: dict[str, Sequence[Topic]] = {}
-    for seat in plan.seats:
-        ecu = load_class(plan.specs[seat.name])(seat.vehicle, plan.run.scenario)
-        found[seat.name] = tuple(ecu.inputs)
+    for slot in plan.slots:
+        ecu = load_class(plan.specs[slot.name])(slot.vehicle, plan.run.scenario)
+        found[slot.name] = tuple(ecu.inputs)
     return found
 
 

@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 from bench.bus.codec import Codec, bus_names, load_codecs
+from bench.bus.network import transmissions
 from bench.faults.base import Fault, Problem
+from bench.names import CONDUCTOR
 
 
 class _Bench:
@@ -19,9 +21,8 @@ class _Bench:
         return load_codecs(self.vehicles)
 
     def senders(self, bus: str) -> Mapping[str, str]:
-        codec = self._codecs[bus]
-        senders = {name: codec.message(name).senders[0] for name in codec.names}
-        return {name: sender for name, sender in senders.items() if sender != "Conductor"}
+        sent = transmissions(bus, self._codecs[bus])
+        return {each.message: each.sender for each in sent if each.sender != CONDUCTOR}
 
     def signals(self, bus: str, message: str) -> Sequence[str]:
         return list(self._codecs[bus].start_values(message))

@@ -22,15 +22,15 @@ from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.cycle import frames_due
 from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.free_slots import FreeSlots
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.realtime import Realtime
 from bench.conductor.recorder import Recorder
 from bench.conductor.run import run
-from bench.conductor.seats import Seats
 from bench.conductor.stage import Stage
 from bench.cycle import CYCLE_NS
-from bench.ecu.main import load_class
+from bench.ecu.loading import load_class
 from bench.errors import RunFailed
 from bench.events import DeadlineMet, DeadlineMissed, EcuFailed
 from bench.faults.plan import FaultBoard, FaultPlan
@@ -155,7 +155,7 @@ def conduct(tmp_path: Path) -> Iterator[Conduct]:
         hub = Hub()
         links = {bus: DirectLink(bus, hub) for bus in BUSES}
         desk = FaultDesk(FaultPlan(board=FaultBoard(board)), FaultBoard(board), 1, tmp_path / "run.mcap")
-        conductor = Realtime(links, CODECS, 1, silence_s, desk, Seats([], CODECS, 1), go_on=go_on)
+        conductor = Realtime(links, CODECS, 1, silence_s, desk, FreeSlots([], CODECS, 1), go_on=go_on)
         crew = ScriptedCrew(links, parts)
         crew.listener = conductor
         writer = RunWriter(

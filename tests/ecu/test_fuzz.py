@@ -12,8 +12,9 @@ from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import EXTENDED, Link
 from bench.bus.link.opening import open_link
+from bench.bus.network import EcuSlot
 from bench.bus.node import Node
-from bench.ecu.main import DEFAULT_ECUS, buses_of, make_node
+from bench.ecu.loading import DEFAULT_ECUS, make_node
 from bench.faults.plan import FaultPlan
 from bench.plant.main import make_nodes
 from bench.scenario import load
@@ -32,7 +33,7 @@ class Victim:
     def __init__(self, role: str, stack: ExitStack) -> None:
         address = Address.parse("direct")
         self.role = role
-        self.buses = buses_of(role, 1) if role != "plant" else ("veh1",)
+        self.buses = EcuSlot(role, 1).buses if role != "plant" else ("veh1",)
         self.far: dict[str, Link] = {bus: open_link(bus, address) for bus in self.buses}
         plan = FaultPlan()
         self.node: Node
@@ -49,7 +50,7 @@ class Victim:
             self.node = nodes[0]
         else:
             links = {bus: open_link(bus, address) for bus in self.buses}
-            self.node, _ = make_node(DEFAULT_ECUS[role], role, 1, SCENARIO, links, CODECS, plan)
+            self.node, _ = make_node(DEFAULT_ECUS[role], EcuSlot(role, 1), SCENARIO, links, CODECS, plan)
 
     def sync(self, cycle: int) -> None:
         for bus in self.buses:

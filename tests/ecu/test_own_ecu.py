@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from bench.bus.codec import load_codecs
+from bench.bus.network import EcuSlot
 from bench.bus.reception import Reception, ReceptionState
 from bench.bus.states import CommandState, EcuState, ReferenceState
 from bench.ecu import Command, Health, Motion, Peer, PlannerBase, Pose, Reference, Signals, Topic, TrackerBase
-from bench.ecu.main import load_class, sends_of
+from bench.ecu.loading import load_class
 from bench.ecu.tracker_base import REFERENCE_HOLD_CYCLES
 from bench.errors import BadInput
 from bench.scenario import Scenario, load
@@ -62,7 +63,7 @@ def step(
         CODECS[outgoing.bus].encode(
             outgoing.message, {**CODECS[outgoing.bus].start_values(outgoing.message), **outgoing.values}, 0
         )
-        assert Topic(outgoing.bus, outgoing.message) in sends_of(ecu.role, ecu.vehicle, CODECS)
+        assert Topic(outgoing.bus, outgoing.message) in EcuSlot(ecu.role, ecu.vehicle).sends(CODECS)
     assert len({outgoing.message for outgoing in sent}) == len(sent)
     return {outgoing.message: outgoing.values for outgoing in sent}
 

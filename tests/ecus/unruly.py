@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bench.ecu.base import Health, Outgoing, Signals, Topic
-from bench.ecu.main import load_class
+from bench.ecu.loading import load_class
 from bench.ecu.planner import PlannerEcu
 from bench.ecu.tracker import TrackerEcu
 from bench.scenario import Scenario

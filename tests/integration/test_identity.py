@@ -7,7 +7,7 @@ import pytest
 
 from bench.bus.link.address import Address
 from bench.conductor.run import run
-from bench.ecu.main import DEFAULT_ECUS
+from bench.ecu.loading import DEFAULT_ECUS
 from bench.record.compare import diff
 from bench.record.reader import Run
 from bench.scenario import load

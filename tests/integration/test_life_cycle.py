@@ -295,8 +295,8 @@ def test_an_ecu_may_run_alone(start) -> None:
     can = f"udp:{port}"
     code = (
         "import sys; from bench.bus.link.address import Address; from bench.ecu.main import serve_ecu; "
-        "from bench.scenario import load; "
-        "serve_ecu(None, sys.argv[1], 'tracker', 2, load('formation'), Address.parse(sys.argv[2]))"
+        "from bench.bus.network import EcuSlot; from bench.scenario import load; "
+        "serve_ecu(None, sys.argv[1], EcuSlot('tracker', 2), load('formation'), Address.parse(sys.argv[2]))"
     )
     alone = subprocess.Popen(
         [sys.executable, "-c", code, SIMPLE["tracker"], can], cwd=ROOT, stderr=subprocess.PIPE, text=True

@@ -15,7 +15,7 @@ from bench.bus.link.address import Address
 from bench.bus.link.opening import settle
 from bench.bus.states import ActuatorState, EcuState
 from bench.conductor.run import run
-from bench.ecu.main import DEFAULT_ECUS
+from bench.ecu.loading import DEFAULT_ECUS
 from bench.errors import BadInput
 from bench.events import EcuFailed, StrayFrame
 from bench.record.compare import diff

@@ -17,7 +17,7 @@ from bench.bus.link.kernel_links import lack_of_can
 from bench.bus.link.opening import open_link
 from bench.cli.main import app
 from bench.conductor.run import run
-from bench.ecu.main import DEFAULT_ECUS
+from bench.ecu.loading import DEFAULT_ECUS
 from bench.errors import RunFailed
 from bench.events import ReceptionErrors
 from bench.record.compare import diff

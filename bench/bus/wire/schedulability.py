@@ -16,10 +16,10 @@ import numpy as np
 
 from bench.bus.codec import Codec
 from bench.bus.link.base import EXTENDED
+from bench.bus.network import transmissions
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import V2V, vehicle_of
+from bench.bus.topic import V2V
 from bench.bus.wire.frame_length import longest_bits, priority
-from bench.bus.wire.timing import sender_of
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 from bench.events import ResponseBeyondPeriod
@@ -74,13 +74,11 @@ def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
     BenchAbsent is left out: it is there for the clock of virtual time and is on no wire.
     """
     found = []
-    for name in codec.names:
-        message = codec.message(name)
-        sender = sender_of(bus, message.senders[0]) if message.senders else ""
-        absent = bus == V2V and (vehicle_of(sender) or 0) > vehicles
-        if message.cycle_time and name != BENCH_ABSENT and not absent:
-            can_id = codec.can_id(name) | (EXTENDED if message.is_extended_frame else 0)
-            found.append(Stream(name, can_id, message.length, codec.period(name) * CYCLE_NS))
+    for each in transmissions(bus, codec, vehicles):
+        if each.period and each.message != BENCH_ABSENT:
+            message = codec.message(each.message)
+            can_id = each.can_id | (EXTENDED if message.is_extended_frame else 0)
+            found.append(Stream(each.message, can_id, message.length, each.period * CYCLE_NS))
     return _by_priority(found)
 
 

@@ -25,10 +25,12 @@ import numpy.typing as npt
 
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
+from bench.bus.network import transmissions
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import PLANT, V2V, Topic
+from bench.bus.topic import V2V, Topic
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.cycle import CYCLE_NS
+from bench.names import PLANT
 
 _NEVER = 1 << 62
 
@@ -46,15 +48,6 @@ FRAME = np.dtype(
 )
 """A frame: number of its bus; data padded with zeros; simulated time of its cycle, the host's receive time, end on the
 wire (simulated; 0 where it was never there) and response time, all in ns."""
-
-
-def sender_of(bus: str, node: str) -> str:
-    """Return the name of the process that is the DBC's `node` on `bus`: plant, veh1.planner, Conductor."""
-    if bus == V2V and node.startswith("Vehicle"):
-        return f"veh{node.removeprefix('Vehicle')}.planner"
-    if node == "Plant":
-        return PLANT
-    return node if node == "Conductor" else f"{bus}.{node.lower()}"
 
 
 class _Cycle:
@@ -92,9 +85,9 @@ class _Port:
         self.sync_id = codec.can_id(BENCH_SYNC)
         self.absent_id = codec.can_id(BENCH_ABSENT) if BENCH_ABSENT in codec.names else -1
         self.senders = {
-            message.frame_id: sender_of(name, message.senders[0])
-            for message in map(codec.message, codec.names)
-            if message.senders and message.frame_id != self.sync_id
+            each.can_id: each.sender
+            for each in transmissions(name, codec)
+            if each.sender and each.can_id != self.sync_id
         }
         self.readers: dict[int, list[str]] = {}
         self.routes: dict[int, tuple[str, _Port]] = {}

@@ -1,4 +1,4 @@
-"""Seats left free for ECUs that somebody starts by hand, and how the conductor knows that they are taken.
+"""Slots left free for ECUs that somebody starts by hand, and how the conductor knows that these have come.
 
 An ECU on its own sends its status with State Wait until its first BenchSync (see dbc/vehicle.dbc). That, or any other
 frame that only it sends, says that it is there; before the first cycle nobody else takes notice of such frames, and
@@ -7,52 +7,28 @@ the log has none of them.
 
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 from bench.bus.codec import Codec, DecodeError
 from bench.bus.link.address import Address
+from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
+from bench.bus.topic import vehicle_bus
 from bench.conductor.crew import Crew
-from bench.conductor.cycle import Due, frames_due
-from bench.ecu.main import DEFAULT_ECUS, buses_of, ecu_name
+from bench.conductor.cycle import frames_due
 from bench.errors import BadInput, RunFailed
 from bench.faults.base import Fault
 
 Frames = Sequence[tuple[int, bytes]]
 
 
-@dataclass(frozen=True, slots=True)
-class Seat:
-    """An ECU's seat.
-
-    Attributes:
-        role: planner or tracker.
-        vehicle: number of its vehicle, from 1.
-    """
-
-    role: str
-    vehicle: int
-
-    @property
-    def name(self) -> str:
-        """Name of the ECU: `veh2.tracker`."""
-        return ecu_name(self.role, self.vehicle)
-
-    def described(self, address: Address) -> str:
-        """Say who is expected where, with the buses at `address`: `veh2.tracker on vcan2`."""
-        places = (address.place_of(bus) for bus in buses_of(self.role, self.vehicle))
-        where = (place.channel if place.interface == "socketcan" else str(place) for place in places)
-        return f"{self.name} on {' and '.join(where)}"
-
-
-def free_seats(without: Collection[str], vehicles: int, address: Address) -> list[Seat]:
-    """Return the seats of the ECUs named in `without`.
+def free_slots(without: Collection[str], vehicles: int, address: Address) -> list[EcuSlot]:
+    """Return the slots of the ECUs named in `without`.
 
     Raises:
         BadInput: there is no such ECU among `vehicles` vehicles, or it could not know where its buses are.
     """
-    seats = [Seat(role, vehicle) for role in DEFAULT_ECUS for vehicle in range(1, vehicles + 1)]
-    names = [seat.name for seat in seats]
+    slots = [EcuSlot(role, vehicle) for role in ROLES for vehicle in range(1, vehicles + 1)]
+    names = [slot.name for slot in slots]
     unknown = [name for name in without if name not in names]
     if unknown:
         raise BadInput(f"--without {', '.join(unknown)}: the scenario has {', '.join(names)}")
@@ -60,15 +36,22 @@ def free_seats(without: Collection[str], vehicles: int, address: Address) -> lis
         raise BadInput(
             "--without: with --can direct all is in one process; allowed: --can udp:PORT, vcan, IFACE:CHANNEL"
         )
-    free = [seat for seat in seats if seat.name in without]
-    for seat in free:
-        for bus in buses_of(seat.role, seat.vehicle):
+    free = [slot for slot in slots if slot.name in without]
+    for slot in free:
+        for bus in slot.buses:
             if not address.is_known(bus):
                 raise BadInput(
-                    f"--without {seat.name}: the ECU must know where {bus} is; give the port, as in --can udp:45000 or "
+                    f"--without {slot.name}: the ECU must know where {bus} is; give the port, as in --can udp:45000 or "
                     f"--can {bus}=udp:45000"
                 )
     return free
+
+
+def described(slot: EcuSlot, address: Address) -> str:
+    """Say who is expected where, with the buses at `address`: `veh2.tracker on vcan2`."""
+    places = map(address.place_of, slot.buses)
+    where = (place.channel if place.interface == "socketcan" else str(place) for place in places)
+    return f"{slot.name} on {' and '.join(where)}"
 
 
 def refuse_outages(faults: Iterable[Fault], without: Collection[str]) -> None:
@@ -85,22 +68,21 @@ def refuse_outages(faults: Iterable[Fault], without: Collection[str]) -> None:
             )
 
 
-class Seats:
-    """Watches the buses for the ECUs in seats that were left free."""
+class FreeSlots:
+    """Watches the buses for the ECUs whose slots were left free."""
 
-    def __init__(self, free: Sequence[Seat], codecs: Mapping[str, Codec], vehicles: int) -> None:
+    def __init__(self, free: Sequence[EcuSlot], codecs: Mapping[str, Codec], vehicles: int) -> None:
         """Watch for the ECUs of `free`."""
-        self._waiting = {seat.name: seat for seat in free}
+        self._waiting = {slot.name: slot for slot in free}
         self._due = frames_due(codecs, vehicles)
         self._codecs = codecs
         self._status = {
-            (f"veh{seat.vehicle}", codecs[f"veh{seat.vehicle}"].can_id(f"{seat.role.capitalize()}Status"))
-            for seat in free
+            (bus, codecs[bus].can_id(slot.message("Status"))) for slot in free for bus in [vehicle_bus(slot.vehicle)]
         }
 
     @property
-    def waiting(self) -> list[Seat]:
-        """The seats whose ECU has not come."""
+    def waiting(self) -> list[EcuSlot]:
+        """The slots whose ECU has not come."""
         return list(self._waiting.values())
 
     def wait(self, crew: Crew, limit_s: float) -> None:
@@ -127,7 +109,7 @@ class Seats:
     def note(self, bus: str, frames: Frames) -> None:
         """Note whose frames these are."""
         for can_id, _ in frames:
-            due: Due | None = self._due[bus].get(can_id)
+            due = self._due[bus].get(can_id)
             if due is not None:
                 self._waiting.pop(due.sender, None)
 

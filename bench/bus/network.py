@@ -1,0 +1,137 @@
+"""The network of a bench: its processes, which DBC nodes they are, and which messages each sends and receives.
+
+All of it is read from the DBC files' nodes, senders, receivers and cycle times. On a vehicle's bus the nodes are
+Conductor, Plant and one for each ECU; on v2v, Vehicle<i> is the planner of vehicle i, the only ECU with a radio.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bench.bus.codec import Codec
+from bench.bus.topic import Topic
+from bench.names import CONDUCTOR, PLANT, V2V, vehicle_bus, vehicle_of
+
+ROLES = ("planner", "tracker")
+"""The ECUs of a vehicle."""
+
+_RADIO_ROLE = "planner"
+_RADIO_NODE = "Vehicle"
+_OTHER_NODES = {"Conductor": CONDUCTOR, "Plant": PLANT}
+
+
+@dataclass(frozen=True, slots=True)
+class EcuSlot:
+    """The place of an ECU in the network.
+
+    Attributes:
+        role: one of `ROLES`.
+        vehicle: number of its vehicle, from 1.
+    """
+
+    role: str
+    vehicle: int
+
+    @property
+    def name(self) -> str:
+        """Name of the process: `veh2.tracker`."""
+        return f"{vehicle_bus(self.vehicle)}.{self.role}"
+
+    @property
+    def buses(self) -> tuple[str, ...]:
+        """The buses it is on: its vehicle's, and for the planner the radio too."""
+        own = vehicle_bus(self.vehicle)
+        return (own, V2V) if self.role == _RADIO_ROLE else (own,)
+
+    def message(self, kind: str) -> str:
+        """Return the name of a diagnostic message that every role has on its vehicle's bus: `TrackerStatus`."""
+        return f"{self.role.capitalize()}{kind}"
+
+    def sends(self, codecs: Mapping[str, Codec]) -> list[Topic]:
+        """Return what the DBC files have it send; `codecs` has those of its buses."""
+        return [
+            each.topic for bus in self.buses for each in transmissions(bus, codecs[bus]) if each.sender == self.name
+        ]
+
+    def receives(self, codecs: Mapping[str, Codec], vehicles: int) -> list[Topic]:
+        """Return what the DBC files have it receive in a bench of `vehicles` vehicles; `codecs` as in `sends`."""
+        return [
+            each.topic
+            for bus in self.buses
+            for each in transmissions(bus, codecs[bus], vehicles)
+            if self.name in each.receivers
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Transmission:
+    """A message on a bus, with those who send and receive it.
+
+    Attributes:
+        bus: on which bus.
+        can_id: its identifier.
+        message: its name.
+        sender: name of the process that sends it; empty where the DBC names none.
+        receivers: names of the processes that receive any of its signals.
+        protected: whether it carries an alive counter.
+        period: in every how many cycles it is sent; 0 where it has no cycle time.
+    """
+
+    bus: str
+    can_id: int
+    message: str
+    sender: str
+    receivers: frozenset[str]
+    protected: bool
+    period: int
+
+    @property
+    def topic(self) -> Topic:
+        """The message as something to listen to."""
+        return Topic(self.bus, self.message)
+
+    @property
+    def station(self) -> str:
+        """Who sends it, seen from its bus: the plant is one of its own on each, veh1.plant."""
+        return f"{self.bus}.{PLANT}" if self.sender == PLANT else self.sender
+
+    @property
+    def has_deadline(self) -> bool:
+        """Whether it is due at the end of every cycle: an answer to BenchSync on a vehicle's bus."""
+        return self.protected and self.period == 1 and self.bus != V2V and self.sender not in ("", CONDUCTOR)
+
+
+def process_of(bus: str, node: str) -> str:
+    """Return the name of the process that is the DBC's `node` on `bus`: plant, veh1.planner, conductor."""
+    if bus == V2V and node.startswith(_RADIO_NODE):
+        return f"veh{node.removeprefix(_RADIO_NODE)}.{_RADIO_ROLE}"
+    return _OTHER_NODES.get(node) or f"{bus}.{node.lower()}"
+
+
+def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[Transmission]:
+    """Return the messages of `bus`, in the order of their identifiers.
+
+    In a bench of `vehicles` vehicles, others neither send nor receive on v2v; without it, all that the DBC names do.
+    """
+    found = []
+    for name in codec.names:
+        message, can_id = codec.message(name), codec.can_id(name)
+        sender = process_of(bus, message.senders[0]) if message.senders else ""
+        if not _is_there(sender, vehicles):
+            continue
+        receivers = (process_of(bus, node) for node in message.receivers)
+        found.append(
+            Transmission(
+                bus=bus,
+                can_id=can_id,
+                message=name,
+                sender=sender,
+                receivers=frozenset(process for process in receivers if _is_there(process, vehicles)),
+                protected=codec.is_protected(can_id),
+                period=codec.period(name) if message.cycle_time else 0,
+            )
+        )
+    return found
+
+
+def _is_there(process: str, vehicles: int | None) -> bool:
+    return vehicles is None or (vehicle_of(process) or 0) <= vehicles
