@@ -1,9 +1,9 @@
 """Faults of a vehicle itself: its actuators, its tyres, the road under it."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.faults.base import Bench, Fault, Memory, Problem, VehicleNumber, no_vehicle
 
@@ -29,9 +29,33 @@ class ActuatorStuck(Fault):
 
 
 class TyreBlowout(Fault):
-    """The cornering stiffness of an axle falls to C (1 + 0.4 `lambda_level`)."""
+    """A tyre loses its pressure at once: the wheel has little grip and load left and drags (0 `inflation` is flat)."""
 
     kind: Literal["tyre_blowout"] = "tyre_blowout"
+    vehicle: VehicleNumber
+    wheel: Literal["fl", "rl", "rr", "fr"]
+    inflation: Annotated[float, Field(ge=0, lt=1)] = 0.0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_former_keys(cls, table: Any) -> Any:
+        if isinstance(table, dict) and "axle" in table:
+            raise ValueError('kind = "tyre_blowout" with an axle is now called "axle_softening", with the same keys')
+        return table
+
+    def problems(self, bench: Bench) -> list[Problem]:
+        """See `Fault`."""
+        return no_vehicle(self.vehicle, bench)
+
+    def on_vehicle(self, vehicle: int) -> dict[str, float]:
+        """See `Fault`."""
+        return {f"inflation_{self.wheel}": self.inflation} if vehicle == self.vehicle else {}
+
+
+class AxleSoftening(Fault):
+    """The cornering stiffness of an axle changes to C (1 + 0.4 `lambda_level`)."""
+
+    kind: Literal["axle_softening"] = "axle_softening"
     vehicle: VehicleNumber
     axle: Literal["front", "rear"]
     lambda_level: Annotated[float, Field(ge=-1, le=1)] = -1.0

@@ -11,8 +11,6 @@ read up to its last whole chunk, after one warning.
 from __future__ import annotations
 
 import itertools
-import json
-import tomllib
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -34,7 +32,7 @@ from bench.record.event import Event
 from bench.record.frame_table import FRAME_TABLE, frames_of
 from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import LogDamaged, TopicReader
-from bench.scenario import Scenario
+from bench.scenario import Scenario, from_log
 
 if TYPE_CHECKING:
     import polars as pl
@@ -123,7 +121,7 @@ class Run:
             BadInput: the log carries none that this version can read.
         """
         try:
-            return Scenario.model_validate_json(json.dumps(tomllib.loads(self.scenario_text)))
+            return from_log(self.scenario_text)
         except ValueError as error:
             raise BadInput(f"{self.path}: the scenario attached to it cannot be read: {error}") from error
 

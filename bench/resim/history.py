@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 from bench.cycle import CYCLE_MS
 from bench.events import EcuFailed, FaultBegins, FaultRequested
 from bench.faults.base import Fault
+from bench.faults.former import renewed
 from bench.faults.kinds import AnyFault
 from bench.record.reader import Run
 
@@ -43,7 +44,7 @@ def read_history(run: Run) -> History:
         if event.kind == FaultRequested.kind:
             # What another version knew is left out, but that it has begun is counted.
             with suppress(ValidationError):
-                faults.append(_FAULTS.validate_json(json.dumps(event.fields["fault"])))
+                faults.append(_FAULTS.validate_json(json.dumps(renewed(event.fields["fault"]))))
         elif event.kind == FaultBegins.kind:
             begun += 1
         elif event.kind == EcuFailed.kind:

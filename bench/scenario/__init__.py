@@ -1,7 +1,7 @@
 """What a run depends on: `load` reads a scenario, `Scenario` is one, `shipped` names those that come with the bench."""
 
 from bench.faults.profile import Constant, Profile, Sine, Step
-from bench.scenario.loading import SCENARIO_DIR, load, shipped
+from bench.scenario.loading import SCENARIO_DIR, from_log, load, shipped
 from bench.scenario.model import Platoon, Road, Scenario, Vehicle
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Sine",
     "Step",
     "Vehicle",
+    "from_log",
     "load",
     "shipped",
 ]

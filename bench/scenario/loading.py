@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from bench.errors import BadInput
+from bench.faults.former import renewed
 from bench.scenario.errors import Source, closest, explain
 from bench.scenario.model import Scenario
 from bench.scenario.overrides import put
@@ -48,6 +49,19 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
     except ValidationError as error:
         source = Source(str(path), text, document, given)
         raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
+
+
+def from_log(text: str) -> Scenario:
+    """Return the scenario that is attached to a log, as TOML, which an earlier version may have written.
+
+    Raises:
+        ValueError: it cannot be read.
+    """
+    document = tomllib.loads(text)
+    faults = document.get("faults")
+    if isinstance(faults, list):
+        document["faults"] = [renewed(fault) if isinstance(fault, dict) else fault for fault in faults]
+    return Scenario.model_validate_json(json.dumps(document, default=str))
 
 
 def _find(name_or_path: str | Path) -> Path:

@@ -20,6 +20,7 @@ ANY = {
     "vehicle": 1,
     "actuator": "steering",
     "axle": "front",
+    "wheel": "fl",
 }
 """A value for each key that some kind cannot do without."""
 

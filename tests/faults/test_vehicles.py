@@ -2,10 +2,14 @@
 
 import pytest
 
+from bench.errors import BadInput
+from bench.faults.base import Fault
 from bench.faults.plan import FaultPlan
-from bench.faults.vehicles import ActuatorStuck, IcePatch, TyreBlowout
+from bench.faults.vehicles import ActuatorStuck, AxleSoftening, IcePatch, TyreBlowout
 from bench.plant.actuators import Applied
 from bench.plant.faults import VehicleFaults
+from bench.scenario import load
+from platoon_fmu.interface import INPUTS
 
 
 def test_a_stuck_actuator_stays_where_it_was() -> None:
@@ -27,10 +31,37 @@ def test_another_vehicles_actuators_are_as_they_are() -> None:
 
 @pytest.mark.parametrize(("axle", "changed"), [("front", "lambda_f"), ("rear", "lambda_r")])
 def test_an_axle_loses_cornering_stiffness(axle: str, changed: str) -> None:
-    faults = VehicleFaults(1, FaultPlan([TyreBlowout(at_s=0.01, vehicle=1, axle=axle, lambda_level=-0.5)]))
+    faults = VehicleFaults(1, FaultPlan([AxleSoftening(at_s=0.01, vehicle=1, axle=axle, lambda_level=-0.5)]))
     acting = {"lambda_f": 0.1, "lambda_r": 0.2, "mu": 0.8}
     assert faults.on_inputs(0, acting) == acting
     assert faults.on_inputs(1, acting) == acting | {changed: -0.5}
+
+
+@pytest.mark.parametrize("wheel", ["fl", "rl", "rr", "fr"])
+def test_one_wheels_tyre_loses_its_pressure(wheel: str) -> None:
+    faults = VehicleFaults(1, FaultPlan([TyreBlowout(at_s=0.0, vehicle=1, wheel=wheel)]))
+    sound = {"inflation_fl": 1.0, "inflation_rl": 1.0, "inflation_rr": 1.0, "inflation_fr": 1.0}
+    assert faults.on_inputs(0, sound) == sound | {f"inflation_{wheel}": 0.0}
+    others = VehicleFaults(2, FaultPlan([TyreBlowout(at_s=0.0, vehicle=1, wheel=wheel)]))
+    assert others.on_inputs(0, sound) == sound
+
+
+BLOWOUT = TyreBlowout(at_s=0.0, vehicle=1, wheel="rl")
+SOFTENING = AxleSoftening(at_s=0.0, vehicle=1, axle="rear")
+
+
+@pytest.mark.parametrize("fault", [BLOWOUT, SOFTENING, IcePatch(at_s=0.0)], ids=lambda fault: fault.kind)
+def test_what_a_fault_sets_is_an_input_of_the_fmu(fault: Fault) -> None:
+    """A misspelt one would leave the vehicle as it is, and nobody would notice."""
+    assert set(fault.on_vehicle(1)) <= {variable.name for variable in INPUTS}
+
+
+def test_a_blowout_of_an_axle_is_refused_with_what_to_write_now() -> None:
+    with pytest.raises(BadInput) as refusal:
+        load("formation", ['faults=[{kind = "tyre_blowout", at_s = 1.0, vehicle = 1, axle = "front"}]'])
+    assert "has 1 error" in str(refusal.value)
+    assert "faults.0" in str(refusal.value)
+    assert 'now called "axle_softening"' in str(refusal.value)
 
 
 @pytest.mark.parametrize(("vehicle", "is_on_ice"), [(1, True), (2, False), (None, True)])

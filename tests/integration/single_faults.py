@@ -97,10 +97,14 @@ KINDS: dict[str, tuple[str, int | None]] = {
     "steering stuck at 0.03 rad": ('kind="actuator_stuck",vehicle={n},actuator="steering",value=0.03', 3),
     "wheel torque stuck at 600 N m": ('kind="actuator_stuck",vehicle={n},actuator="torque_fl",value=600.0', None),
     "wheel torque stuck at -900 N m": ('kind="actuator_stuck",vehicle={n},actuator="torque_rr",value=-900.0', None),
-    "front tyres blow out": ('kind="tyre_blowout",vehicle={n},axle="front"', None),
-    "rear tyres blow out": ('kind="tyre_blowout",vehicle={n},axle="rear"', None),
+    "front axle softens": ('kind="axle_softening",vehicle={n},axle="front"', None),
+    "rear axle softens": ('kind="axle_softening",vehicle={n},axle="rear"', None),
     "ice under one": ('kind="ice_patch",vehicle={n}', None),
     "ice under all": ('kind="ice_patch"', None),
+    "front left tyre blows out": ('kind="tyre_blowout",vehicle={n},wheel="fl"', None),
+    "rear left tyre blows out": ('kind="tyre_blowout",vehicle={n},wheel="rl"', None),
+    "rear right tyre blows out": ('kind="tyre_blowout",vehicle={n},wheel="rr"', None),
+    "front right tyre blows out": ('kind="tyre_blowout",vehicle={n},wheel="fr"', None),
 }
 """Keys of a `[[faults]]` table without its time, and cycles after which the bus must say so.
 

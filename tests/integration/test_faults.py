@@ -40,7 +40,8 @@ EVERY_KIND = [
     '{kind = "ecu_crash", at_s = 0.5, ecu = "veh2.planner"}',
     '{kind = "ecu_hang", at_s = 0.5, ecu = "veh2.tracker"}',
     '{kind = "actuator_stuck", at_s = 0.1, for_s = 0.2, vehicle = 1, actuator = "steering", value = 0.02}',
-    '{kind = "tyre_blowout", at_s = 0.1, for_s = 0.2, vehicle = 1, axle = "front"}',
+    '{kind = "tyre_blowout", at_s = 0.1, for_s = 0.2, vehicle = 1, wheel = "rr"}',
+    '{kind = "axle_softening", at_s = 0.1, for_s = 0.2, vehicle = 1, axle = "front"}',
     '{kind = "ice_patch", at_s = 0.1, for_s = 0.2, mu = 0.3}',
 ]
 
