@@ -12,8 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from platoon_fmu.parameters import VehicleParameters
-
-_WHEEL_NAMES = {"fl": "front left", "rl": "rear left", "rr": "rear right", "fr": "front right"}
+from platoon_fmu.wheels import WHEELS
 
 
 @dataclass(frozen=True)
@@ -108,9 +107,7 @@ def _start(name: str, unit: str, description: str) -> Variable:
 
 
 def _per_wheel(prefix: str, unit: str, nominal: float, description: str, **limits: Any) -> tuple[Variable, ...]:
-    return tuple(
-        _output(f"{prefix}_{n}", unit, nominal, f"{description}, {w}", **limits) for n, w in _WHEEL_NAMES.items()
-    )
+    return tuple(_output(f"{prefix}_{n}", unit, nominal, f"{description}, {w}", **limits) for n, w, *_ in WHEELS)
 
 
 _QUARTER_TURN = {"minimum": -math.pi / 2, "maximum": math.pi / 2}
@@ -125,7 +122,7 @@ STATES = (
     _state("v_y", "m/s", 1.0, "velocity of the centre of mass, to the left"),
     _state("gamma", "rad/s", 0.1, "yaw rate"),
     _state("p", "rad/s", 0.1, "roll rate"),
-    *(_state(f"omega_{n}", "rad/s", 50.0, f"spin of the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
+    *(_state(f"omega_{n}", "rad/s", 50.0, f"spin of the wheel, {w}") for n, w, *_ in WHEELS),
     _state("load_transfer_x", "N", 1000.0, "load moved from the front to the rear axle, lagged"),
     _state("load_transfer_y", "N", 1000.0, "load moved from left to right through roll centres, lagged"),
 )
@@ -157,7 +154,7 @@ OUTPUTS = (
 
 INPUTS = (
     _input("steering_angle", "rad", 0.1, "road-wheel angle of both front wheels, positive to the left"),
-    *(_input(f"wheel_torque_{n}", "N.m", 100.0, f"torque on the wheel, {w}") for n, w in _WHEEL_NAMES.items()),
+    *(_input(f"wheel_torque_{n}", "N.m", 100.0, f"torque on the wheel, {w}") for n, w, *_ in WHEELS),
     _input("lambda_f", "1", 1.0, "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
     _input("lambda_r", "1", 1.0, "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
     _input("mu", "1", 1.0, "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
@@ -171,7 +168,7 @@ INPUTS = (
             minimum=0.0,
             maximum=1.0,
         )
-        for n, w in _WHEEL_NAMES.items()
+        for n, w, *_ in WHEELS
     ),
     _input("force_x", "N", 1000.0, "external force at the centre of mass along the vehicle's x axis (wind, slope)"),
     _input("force_y", "N", 1000.0, "external force at the centre of mass along the vehicle's y axis (wind, slope)"),

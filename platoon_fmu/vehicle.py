@@ -19,20 +19,9 @@ import casadi as ca
 
 from platoon_fmu import tyre
 from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.wheels import WHEELS, Wheel
 
 SX = Any
-
-
-@dataclass(frozen=True)
-class Wheel:
-    """One wheel: its name's suffix, its side (+1 left, -1 right) and whether it steers."""
-
-    name: str
-    side: int
-    front: bool
-
-
-WHEELS = (Wheel("fl", +1, True), Wheel("rl", +1, False), Wheel("rr", -1, False), Wheel("fr", -1, True))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.wheels import FL, FR, RL, RR, WHEELS
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -42,14 +43,12 @@ def allocate(vehicle: VehicleParameters, steering_max: float, force_max: float, 
         moment_share: part of `force_max`, in (0, 1), set aside for the yaw moment.
     """
     per_moment = 0.5 / vehicle.l_t
-    matrix = np.array(
-        [
-            [1.0, 0.0, 0.0],
-            [0.0, 0.25, -per_moment],
-            [0.0, 0.25, -per_moment],
-            [0.0, 0.25, per_moment],
-            [0.0, 0.25, per_moment],
-        ]
-    )
+    matrix = np.array([[1.0, 0.0, 0.0], *([0.0, 0.25, -wheel.side * per_moment] for wheel in WHEELS)])
     limit = np.array([steering_max, 4.0 * force_max * (1.0 - moment_share), force_max * moment_share / per_moment])
     return Allocation(matrix, limit)
+
+
+def virtual_input(vehicle: VehicleParameters, steering: float, forces: Vector) -> Vector:
+    """The virtual input u (3,) that a steering angle (rad) and any four wheel forces (4,) (N) come to."""
+    left, right = forces[FL] + forces[RL], forces[RR] + forces[FR]
+    return np.array([steering, left + right, 0.5 * vehicle.l_t * (right - left)])

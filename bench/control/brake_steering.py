@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.wheels import WHEELS
 
 YAW_GAIN = 6.0
 """Yaw acceleration for a yaw-rate error (1/s)."""
@@ -37,7 +38,7 @@ class BrakeSteering:
         self._integral = 0.0
 
     def forces(self, v_x: float, yaw_rate: float, v_ref: float, yaw_rate_ref: float) -> NDArray[np.float64]:
-        """Return (4,) longitudinal forces F_x1 to F_x4 (N): front left, rear left, rear right, front right.
+        """Return (4,) longitudinal forces F_x1 to F_x4 (N) of the wheels.
 
         Args:
             v_x: m/s.
@@ -57,4 +58,4 @@ class BrakeSteering:
         if abs(difference) <= room:
             self._integral = integral
         difference = min(max(difference, -room), room)
-        return np.array([each - difference, each - difference, each + difference, each + difference])
+        return np.array([each - wheel.side * difference for wheel in WHEELS])

@@ -86,7 +86,8 @@ def _cost(
 ) -> tuple[Matrix, Vector]:
     """Hessian (3, 3) and gradient (3,) of (21) about the input `limit * z`; see `reference_input`."""
     U = allocation @ (limit * z)
-    B = linearise(numbers, xi, U)[1] @ allocation * limit
+    _, of_input, _, _, _ = linearise(numbers, xi, U)
+    B = of_input @ allocation * limit
     miss = step(numbers, xi, U) - xi_next - B @ z
     weighted = np.ascontiguousarray(B.T) * state_weight
     return weighted @ B + np.diag(input_weight), weighted @ miss

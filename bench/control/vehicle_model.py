@@ -22,6 +22,12 @@ Matrix = NDArray[np.float64]
 STATES = 3
 INPUTS = 5
 
+NUMBERS = ("M", "I_z", "l_f", "l_r", "l_t", "Cf2", "Cr2", "C_a", "variation", "T")
+"""The order of what the compiled functions take of a vehicle: Cf2 and Cr2 are of an axle, its two tyres together, T is
+the sampling time. A vector and no named tuple, which costs several times as much to hand over."""
+
+_T = NUMBERS.index("T")
+
 
 @dataclass(frozen=True)
 class LinearModel:
@@ -63,7 +69,7 @@ class VehicleModel:
         step_s: sampling time T of the discrete model, s.
 
     Attributes:
-        numbers: (10,) what the compiled `derivative`, `step` and `linearise` take of the vehicle.
+        numbers: (10,) what the compiled `derivative`, `step` and `linearise` take of the vehicle, see `NUMBERS`.
     """
 
     def __init__(self, vehicle: VehicleParameters, step_s: float) -> None:
@@ -120,7 +126,7 @@ def derivative(numbers: Vector, xi: Vector, U: Vector) -> Vector:
 @njit(cache=True)
 def step(numbers: Vector, xi: Vector, U: Vector) -> Vector:
     """See `VehicleModel.step`; `numbers` are the model's."""
-    moved: Vector = xi + numbers[9] * derivative(numbers, xi, U)
+    moved: Vector = xi + numbers[_T] * derivative(numbers, xi, U)
     return moved
 
 

@@ -9,7 +9,7 @@ from bench.bus.network import EcuSlot
 from bench.bus.reception import Health, Reception
 from bench.bus.states import EcuState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
-from bench.ecu.quantities import RECEPTIONS
+from bench.ecu.quantities import bus_health
 from bench.scenario import Scenario
 
 
@@ -84,12 +84,7 @@ class EcuBase(ABC):
 
     def _bus_health(self) -> dict[str, float]:
         """What the bus is to know of this ECU's reception."""
-        receptions = {
-            RECEPTIONS[topic.message]: float(reception.state)
-            for topic, reception in self.health.inputs.items()
-            if topic.message in RECEPTIONS
-        }
-        return {"FramesLost": self.health.frames_lost, "E2EErrors": self.health.e2e_errors, **receptions}
+        return bus_health(self.health)
 
     @abstractmethod
     def _own_inputs(self) -> Iterable[Topic]:

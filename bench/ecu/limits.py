@@ -1,4 +1,4 @@
-"""What a signal can be at all, from the DBC: inside its range, and no faster than its `GenSigRateMax`."""
+"""What the DBC says of signals and messages: their ranges, the fastest that they can change, and when they are lost."""
 
 import math
 from collections.abc import Mapping
@@ -46,6 +46,17 @@ def limits_of(dbc: str, message: str) -> Mapping[str, Limit]:
         change = float(rate.value) * CYCLE_S + signal.scale if rate is not None and rate.value else math.inf
         limits[signal.name] = Limit(float(signal.minimum or 0.0), float(signal.maximum or 0.0), change)
     return limits
+
+
+@cache
+def timeout_cycles(dbc: str, message: str) -> int:
+    """Return after how many cycles without a good frame a message is lost.
+
+    Args:
+        dbc: name of the DBC file: `vehicle.dbc`.
+        message: name of the message in it.
+    """
+    return Codec(DBC_DIR / dbc).timeout_cycles(message)
 
 
 def possible(limits: Mapping[str, Limit], frame: Signals | None, names: tuple[str, ...]) -> bool:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 from bench.bus.reception import Health
 from bench.bus.states import Cause, EcuState, Manoeuvre
-from bench.bus.topic import V2V, Signals, Topic
+from bench.bus.topic import Signals, Topic
 from bench.control.planner import Motion
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
+from bench.ecu.quantities import broadcast
 
 RECOVERY_CYCLES = 20
 """Cycles in a row that a vehicle must be heard and plausible before it is trusted again."""
@@ -46,15 +47,6 @@ class Report:
     manoeuvre: Manoeuvre
 
 
-def broadcast(vehicle: int) -> tuple[Topic, Topic, Topic]:
-    """What a vehicle tells the others: position, motion and status."""
-    return (
-        Topic(V2V, f"V2VPosition_{vehicle}"),
-        Topic(V2V, f"V2VMotion_{vehicle}"),
-        Topic(V2V, f"V2VStatus_{vehicle}"),
-    )
-
-
 class PeerWatch:
     """One other vehicle.
 
@@ -73,7 +65,8 @@ class PeerWatch:
         self.heard = False
         self.cause = Cause.NONE
         self.report: Report | None = None
-        self._limits = limits_of("v2v.dbc", self.topics[0].message), limits_of("v2v.dbc", self.topics[1].message)
+        self._position_limits = limits_of("v2v.dbc", self.topics.position.message)
+        self._motion_limits = limits_of("v2v.dbc", self.topics.motion.message)
         self._reckoned: tuple[float, float, float] | None = None
         self._agreed = RECOVERY_CYCLES
         self._lost = False
@@ -92,7 +85,7 @@ class PeerWatch:
                 self.motion = self.motion.later((cycles - 1) * CYCLE_S)
         position, motion, status = (inputs[topic] for topic in self.topics)
         self._listen(status)
-        lost = any(health.of(topic).lost for topic in self.topics[:2])
+        lost = any(health.of(topic).lost for topic in (self.topics.position, self.topics.motion))
         self.heard = position is not None and motion is not None
         plausible = True
         if position is not None and motion is not None:
@@ -141,8 +134,11 @@ class PeerWatch:
             self.cause = Cause.NONE if self.heard else Cause.PEER_MISSING
 
     def _is_plausible(self, told: Motion, position: Signals, motion: Signals) -> bool:
-        in_range = possible(self._limits[0], position, ("X", "Y")) and possible(self._limits[1], motion, ("YawRate",))
-        if not in_range or not self._limits[1]["Speed"].high > told.speed >= self._limits[1]["Speed"].low:
+        in_range = possible(self._position_limits, position, ("X", "Y")) and possible(
+            self._motion_limits, motion, ("YawRate",)
+        )
+        speed = self._motion_limits["Speed"]
+        if not in_range or not speed.high > told.speed >= speed.low:
             self._reckoned = None
             return False
         if self._reckoned is None:

@@ -8,17 +8,17 @@ from bench.bus.network import EcuSlot
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
+from bench.control.flocking import GA, GB, P11, P12, P21, P22
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.control.settings import PlannerSettings
 from bench.cycle import CYCLE_S
 from bench.ecu.following import Following
-from bench.ecu.peers import PeerWatch, broadcast
+from bench.ecu.limits import timeout_cycles
+from bench.ecu.peers import PeerWatch
 from bench.ecu.plausibility import OwnMotion
+from bench.ecu.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
-
-WAIT_CYCLES = 10
-"""Cycles after which slots are assigned by the start grid if not all vehicles have been heard: the timeout of V2V."""
 
 CLEARANCE_M = 7.0
 """Distance (m) that a vehicle which falls back keeps to one ahead, as far as it can brake."""
@@ -32,15 +32,6 @@ OVERTAKEN_M = 6.0
 
 LANE_M = 3.5
 """Two vehicles nearer than this (m) across the road are in each other's way."""
-
-_OWN = (
-    ("PositionReception", "VehiclePosition"),
-    ("AttitudeReception", "VehicleAttitude"),
-    ("MotionReception", "VehicleMotion"),
-    ("WheelsFrontReception", "WheelSpeedsFront"),
-    ("WheelsRearReception", "WheelSpeedsRear"),
-    ("ActuatorReception", "ActuatorStatus"),
-)
 
 _UNTRUSTED = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE, Cause.PEER_UNSAFE)
 _UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
@@ -87,7 +78,7 @@ class PlannerEcu:
             for number, start in enumerate(scenario.vehicles, start=1)
         }
         self._peers = {number: PeerWatch(number) for number in self._grid if number != vehicle}
-        self._own_topics = {message: Topic(self._bus, message) for _, message in _OWN}
+        self._own_topics = {message: Topic(self._bus, message) for message in (*SENSORS, ACTUATORS)}
         self.inputs: tuple[Topic, ...] = (
             *self._own_topics.values(),
             *(topic for peer in self._peers.values() for topic in peer.topics),
@@ -95,6 +86,8 @@ class PlannerEcu:
         self._own = OwnMotion(VehicleParameters())
         self._following = Following()
         self._slots: dict[int, int] = {}
+        # So long it waits for all vehicles to be heard, then slots are assigned by the start grid.
+        self._wait_cycles = timeout_cycles("v2v.dbc", broadcast(vehicle).position.message)
         self._first_cycle: int | None = None
         self._last_cycle = 0
         self._last_broadcast: Motion | None = None
@@ -124,7 +117,7 @@ class PlannerEcu:
         cause, manoeuvre = self._own.cause, Manoeuvre.NONE
         if own is not None:
             motion, v_x = own
-            self._following.update(inputs[self._own_topics["ActuatorStatus"]], v_x, motion.yaw_rate)
+            self._following.update(inputs[self._own_topics[ACTUATORS]], v_x, motion.yaw_rate)
             if not self._planner.assigned:
                 self._take_slot(cycle, time_s, motion)
             manoeuvre = self._plan(cycle, time_s, motion, v_x)
@@ -139,14 +132,7 @@ class PlannerEcu:
     def _listen(self, inputs: Mapping[Topic, Signals | None], cycles: int) -> tuple[Motion, float] | None:
         """Own motion and v_x, or None while nothing tells it."""
         frames = {message: inputs[topic] for message, topic in self._own_topics.items()}
-        state = self._own.update(
-            frames["VehiclePosition"],
-            frames["VehicleAttitude"],
-            frames["VehicleMotion"],
-            frames["WheelSpeedsFront"],
-            frames["WheelSpeedsRear"],
-            cycles,
-        )
+        state = self._own.update(frames, cycles)
         if state is None:
             return None
         return Motion(state.x, state.y, state.speed, state.course, state.yaw_rate), state.v_x
@@ -154,10 +140,10 @@ class PlannerEcu:
     def _take_slot(self, cycle: int, time_s: float, own: Motion) -> None:
         """Join the platoon under way; else assign slots by the first broadcasts; else, after a while, by the grid."""
         first = self._first_cycle or 0
-        waited = cycle - first >= WAIT_CYCLES
+        waited = cycle - first >= self._wait_cycles
         # A planner that was there from the start takes nobody's word: who else is still without a slot, as frames are
         # lost, would take the same free one. Broadcasts and grid give all of them the same order.
-        under_way = first >= WAIT_CYCLES
+        under_way = first >= self._wait_cycles
         reports = {n: p.report for n, p in self._peers.items() if under_way and p.report is not None and p.report.slot}
         if reports and (len(reports) == len(self._peers) or waited):
             taken = {number: report.slot for number, report in reports.items()}
@@ -245,7 +231,7 @@ class PlannerEcu:
     def _messages(self, state: EcuState, cause: Cause, manoeuvre: Manoeuvre) -> list[Outgoing]:
         """The reference and the diagnostics."""
         status: dict[str, float] = {"State": state, "Cause": cause}
-        reference: dict[str, float] = {"ReferenceState": ReferenceState.NONE}
+        reference: Signals = {"ReferenceState": ReferenceState.NONE}
         potential: dict[str, float] = {}
         gains: dict[str, float] = {}
         target: dict[str, float] = {"Manoeuvre": manoeuvre}
@@ -255,7 +241,7 @@ class PlannerEcu:
             if cause in (Cause.OWN_MOTION_LOST, Cause.VEHICLE_FAULT):
                 # The tracker knows better, or what reaches it is not what was sent: it is to slow down by itself.
                 worth = ReferenceState.NONE
-            reference = {"VelocityX": plan.v_x, "YawRate": plan.yaw_rate, "ReferenceState": worth}
+            reference = Reference(plan.v_x, plan.yaw_rate).messages(worth)[REFERENCE]
             status |= {
                 "Slot": plan.slot,
                 "Neighbours": plan.neighbours,
@@ -263,12 +249,12 @@ class PlannerEcu:
                 "BoundaryMargin": plan.margin,
                 "OptimisationCost": plan.cost,
             }
-            names = ("P11", "P12", "P21", "P22")
-            potential = {"Ga": float(plan.gains[0]), "Gb": float(plan.gains[1])}
-            gains = dict(zip(names, map(float, plan.gains[2:]), strict=True))
+            potential = {"Ga": float(plan.gains[GA]), "Gb": float(plan.gains[GB])}
+            p = {"P11": P11, "P12": P12, "P21": P21, "P22": P22}
+            gains = {name: float(plan.gains[place]) for name, place in p.items()}
             target |= {"TargetX": float(plan.target[0]), "TargetY": float(plan.target[1])}
         return [
-            Outgoing(self._bus, "Reference", reference),
+            Outgoing(self._bus, REFERENCE, reference),
             Outgoing(self._bus, "PlannerStatus", status),
             Outgoing(self._bus, "PlannerPotential", potential),
             Outgoing(self._bus, "PlannerGains", gains),
@@ -276,8 +262,7 @@ class PlannerEcu:
         ]
 
     def _bus_health(self, health: Health) -> Outgoing:
-        values: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
-        values |= {signal: health.of(self._own_topics[message]).state for signal, message in _OWN}
+        values = bus_health(health)
         states = [health.of(topic).state for peer in self._peers.values() for topic in peer.topics]
         values["PeerReception"] = max(states, default=ReceptionState.INIT)
         values["PeersLost"] = sum(peer.cause is Cause.PEER_LOST for peer in self._peers.values())
@@ -287,17 +272,14 @@ class PlannerEcu:
         self, own: tuple[Motion, float] | None, state: EcuState, cause: Cause, manoeuvre: Manoeuvre
     ) -> list[Outgoing]:
         """What the others are told; of a motion that is not known, nothing."""
-        position, moving, status = broadcast(self._vehicle)
+        status = broadcast(self._vehicle).status
         slot, leader_x = (self._last.slot, self._last.leader_x) if self._last is not None else (0, 0.0)
         report = {"State": state, "Slot": slot, "Cause": cause, "LeaderX": leader_x, "Manoeuvre": manoeuvre}
         messages = [Outgoing(V2V, status.message, report)]
         if own is not None:
             motion = self._last_broadcast = own[0]
-            velocity = {"Speed": motion.speed, "Course": motion.course, "YawRate": motion.yaw_rate}
-            messages += [
-                Outgoing(V2V, position.message, {"X": motion.X, "Y": motion.Y}),
-                Outgoing(V2V, moving.message, velocity),
-            ]
+            told = Peer(motion.X, motion.Y, motion.speed, motion.course, motion.yaw_rate).messages(self._vehicle)
+            messages += [Outgoing(V2V, name, values) for name, values in told.items()]
         return messages
 
 

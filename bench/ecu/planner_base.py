@@ -9,7 +9,7 @@ from bench.bus.reception import ReceptionState
 from bench.bus.states import EcuState, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
-from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference
+from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference, broadcast
 
 
 class PlannerBase(EcuBase):
@@ -43,33 +43,33 @@ class PlannerBase(EcuBase):
     def _own_inputs(self) -> Iterable[Topic]:
         yield from map(self._topic, (POSITION, ATTITUDE, MOTION))
         for number in self._others:
-            yield from _broadcast(number)
+            yield from broadcast(number)[:2]
 
     @final
     def _work(self) -> tuple[list[Outgoing], EcuState]:
         position, attitude, motion = (self.received(name) for name in (POSITION, ATTITUDE, MOTION))
         peers = self._heard()
         self.show("PlannerStatus", Neighbours=len(peers))
-        broadcast: list[Outgoing] = []
+        told: list[Outgoing] = []
         state = EcuState.RUN if len(peers) == len(self._others) else EcuState.DEGRADED
         if position is None or attitude is None or motion is None:
             state = EcuState.DEGRADED
         else:
             pose, moving = Pose.read(position, attitude), Motion.read(motion)
             self._reference = self.plan(pose, moving, peers)
-            broadcast = self._outgoing(_as_peer(pose, moving).messages(self.vehicle), V2V)
-        if self.cycle == 0 and broadcast:
+            told = self._outgoing(_as_peer(pose, moving).messages(self.vehicle), V2V)
+        if self.cycle == 0 and told:
             # Nobody can have been heard yet.
             state = EcuState.RUN
         worth = ReferenceState.VALID if state is EcuState.RUN else ReferenceState.DEGRADED
         if self._reference is None:
             state, worth = EcuState.INIT, ReferenceState.NONE
         reference = self._reference or Reference(0.0)
-        broadcast += self._outgoing({f"V2VStatus_{self.vehicle}": {"State": state}}, V2V)
-        return [*self._outgoing(reference.messages(worth)), *broadcast], state
+        told += [Outgoing(V2V, broadcast(self.vehicle).status.message, {"State": state})]
+        return [*self._outgoing(reference.messages(worth)), *told], state
 
     def _bus_health(self) -> dict[str, float]:
-        peers = {number: [self.health.of(topic) for topic in _broadcast(number)] for number in self._others}
+        peers = {number: [self.health.of(topic) for topic in broadcast(number)[:2]] for number in self._others}
         worst = max((reception.state for each in peers.values() for reception in each), default=ReceptionState.INIT)
         lost = sum(any(reception.lost for reception in each) for each in peers.values())
         return {**super()._bus_health(), "PeerReception": float(worst), "PeersLost": float(lost)}
@@ -77,14 +77,10 @@ class PlannerBase(EcuBase):
     def _heard(self) -> dict[int, Peer]:
         peers = {}
         for number in self._others:
-            position, motion = (self._received[topic] for topic in _broadcast(number))
+            position, motion = (self._received[topic] for topic in broadcast(number)[:2])
             if position is not None and motion is not None:
                 peers[number] = Peer.read(position, motion)
         return peers
-
-
-def _broadcast(vehicle: int) -> tuple[Topic, Topic]:
-    return Topic(V2V, f"V2VPosition_{vehicle}"), Topic(V2V, f"V2VMotion_{vehicle}")
 
 
 def _as_peer(pose: Pose, motion: Motion) -> Peer:

@@ -16,21 +16,18 @@ What is found implausible is replaced by its other sources, and taken up again w
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.bus.states import Cause
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
-from bench.ecu.limits import limits_of, possible
+from bench.ecu.limits import limits_of, possible, timeout_cycles
+from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRONT, WHEELS_REAR
 from platoon_fmu.parameters import VehicleParameters
 
 RECOVERY_CYCLES = 20
 """Cycles in a row that a signal must agree with the others before it is believed again."""
-
-LOST_CYCLES = 5
-"""Cycles without a frame after which a sensor is lost: the sensors' timeout in the DBC. As long may a velocity be held
-when nothing at all tells it."""
 
 VELOCITY_X_MPS = 0.3
 """Disagreement (m/s) that makes two sources of v_x two: seven times the quantisation of position differences."""
@@ -122,9 +119,7 @@ class OwnMotion:
         self.cause = Cause.NONE
         self._vehicle = vehicle
         self._trust = {name: _Trust() for name in (*_POSITION, "Yaw", *_MOTION, "FL", "FR", "RL", "RR")}
-        self._limits = {
-            name: limits_of("vehicle.dbc", name) for name in ("VehiclePosition", "VehicleAttitude", "VehicleMotion")
-        }
+        self._limits = {name: limits_of("vehicle.dbc", name) for name in (POSITION, ATTITUDE, MOTION)}
         self._pose: tuple[float, float, float] | None = None
         self._reckoned = (0.0, 0.0, 0.0)
         self._measured_position: tuple[float, float] | None = None
@@ -132,7 +127,8 @@ class OwnMotion:
         self._moved: tuple[float, float] | None = None
         self._slip_errors = [0.0, 0.0]
         self._velocity = (0.0, 0.0, 0.0)
-        self._missing = [0] * 5
+        self._timeouts = {name: timeout_cycles("vehicle.dbc", name) for name in SENSORS}
+        self._missing = dict.fromkeys(SENSORS, 0)
         self._blind = 0
         self._way = 0.0
 
@@ -142,34 +138,19 @@ class OwnMotion:
         self._pose = self._reckoned = (x - back * math.cos(yaw), y - back * math.sin(yaw), yaw)
         self._velocity = (speed, 0.0, 0.0)
 
-    def update(
-        self,
-        position: Signals | None,
-        attitude: Signals | None,
-        motion: Signals | None,
-        front: Signals | None,
-        rear: Signals | None,
-        cycles: int = 1,
-    ) -> OwnState | None:
-        """Take in one cycle's sensor frames, None for each that is missing; the own motion in that cycle.
+    def update(self, frames: Mapping[str, Signals | None], cycles: int = 1) -> OwnState | None:
+        """Take in one cycle's sensor frames; the own motion in that cycle.
 
         Args:
-            position: `VehiclePosition`.
-            attitude: `VehicleAttitude`.
-            motion: `VehicleMotion`.
-            front: `WheelSpeedsFront`.
-            rear: `WheelSpeedsRear`.
+            frames: those of `SENSORS` by name, None for each that is missing; others are left aside.
             cycles: since the last call: more than one where this ECU was not there for some.
         """
         if cycles != 1:
             self._measured_position = self._measured_yaw = None
-        frames = (position, attitude, motion, front, rear)
-        ranges = (
-            possible(self._limits["VehiclePosition"], position, _POSITION),
-            possible(self._limits["VehicleAttitude"], attitude, ("Yaw",)),
-            possible(self._limits["VehicleMotion"], motion, _MOTION),
-        )
-        position, attitude, motion = (frame if fine else None for frame, fine in zip(frames[:3], ranges, strict=True))
+        position, position_fine = self._in_range(frames, POSITION, _POSITION)
+        attitude, attitude_fine = self._in_range(frames, ATTITUDE, ("Yaw",))
+        motion, motion_fine = self._in_range(frames, MOTION, _MOTION)
+        front, rear = frames[WHEELS_FRONT], frames[WHEELS_REAR]
         v_x, v_y, gamma = self._velocities(position, attitude, motion, front, rear)
         seen = motion is not None or (front is not None and rear is not None)
         self._blind = 0 if seen else self._blind + cycles
@@ -177,11 +158,19 @@ class OwnMotion:
         self._velocity = (v_x, v_y, gamma)
         self._measured_position = None if position is None else (position["X"], position["Y"])
         self._measured_yaw = None if attitude is None else attitude["Yaw"]
-        known = self._pose is not None and self._blind <= LOST_CYCLES
+        # As long as its timeout a velocity may be held when nothing at all tells it.
+        known = self._pose is not None and self._blind <= self._timeouts[MOTION]
         self.state = OwnState(*self._pose, v_x, v_y, gamma) if self._pose is not None and known else None
-        self._missing = [count + 1 if frame is None else 0 for count, frame in zip(self._missing, frames, strict=True)]
-        self.cause = self._cause(known, in_range=all(ranges))
+        self._missing = {name: count + 1 if frames[name] is None else 0 for name, count in self._missing.items()}
+        self.cause = self._cause(known, in_range=position_fine and attitude_fine and motion_fine)
         return self.state
+
+    def _in_range(
+        self, frames: Mapping[str, Signals | None], name: str, signals: tuple[str, ...]
+    ) -> tuple[Signals | None, bool]:
+        """A frame, None where it is missing or its signals cannot be; and whether they can."""
+        fine = possible(self._limits[name], frames[name], signals)
+        return frames[name] if fine else None, fine
 
     def _velocities(
         self,
@@ -331,10 +320,9 @@ class OwnMotion:
             return Cause.OWN_MOTION_LOST
         if not in_range or not all(trust.given for trust in self._trust.values()):
             return Cause.SENSOR_IMPLAUSIBLE
-        longest = max(self._missing)
-        if longest >= LOST_CYCLES:
+        if any(count >= self._timeouts[name] for name, count in self._missing.items()):
             return Cause.SENSOR_LOST
-        return Cause.SENSOR_MISSING if longest else Cause.NONE
+        return Cause.SENSOR_MISSING if any(self._missing.values()) else Cause.NONE
 
 
 def _median(values: Sequence[float]) -> float:

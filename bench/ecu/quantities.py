@@ -3,26 +3,58 @@
 The messages are those of `dbc/vehicle.dbc` and `dbc/v2v.dbc`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import NamedTuple, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.bus.reception import Health
 from bench.bus.states import CommandState, ReferenceState
-from bench.bus.topic import Signals
+from bench.bus.topic import V2V, Signals, Topic
+from platoon_fmu.wheels import WHEEL_NAMES
 
 POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"
+WHEELS_FRONT, WHEELS_REAR, ACTUATORS = "WheelSpeedsFront", "WheelSpeedsRear", "ActuatorStatus"
 STEERING, TORQUES_FRONT, TORQUES_REAR = "SteeringCommand", "TorqueCommandFront", "TorqueCommandRear"
 
 RECEPTIONS = {
     POSITION: "PositionReception",
     ATTITUDE: "AttitudeReception",
     MOTION: "MotionReception",
-    "WheelSpeedsFront": "WheelsFrontReception",
-    "WheelSpeedsRear": "WheelsRearReception",
-    "ActuatorStatus": "ActuatorReception",
+    WHEELS_FRONT: "WheelsFrontReception",
+    WHEELS_REAR: "WheelsRearReception",
+    ACTUATORS: "ActuatorReception",
     REFERENCE: "ReferenceReception",
 }
 """The signals of an ECU's bus health that show how its inputs are received."""
+
+SENSORS = (POSITION, ATTITUDE, MOTION, WHEELS_FRONT, WHEELS_REAR)
+"""What tells of the own motion."""
+
+
+class Broadcast(NamedTuple):
+    """What a vehicle tells the others."""
+
+    position: Topic
+    motion: Topic
+    status: Topic
+
+
+def broadcast(vehicle: int) -> Broadcast:
+    """The broadcast of vehicle number `vehicle`."""
+    return Broadcast(*(Topic(V2V, f"V2V{kind}_{vehicle}") for kind in ("Position", "Motion", "Status")))
+
+
+def bus_health(health: Health) -> dict[str, float]:
+    """What an ECU's bus health message tells of its own reception."""
+    receptions = {
+        RECEPTIONS[topic.message]: float(reception.state)
+        for topic, reception in health.inputs.items()
+        if topic.message in RECEPTIONS
+    }
+    return {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors, **receptions}
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +122,10 @@ class Peer:
 
     def messages(self, vehicle: int) -> dict[str, Signals]:
         """Return the broadcast of vehicle number `vehicle`."""
+        topics = broadcast(vehicle)
         return {
-            f"V2VPosition_{vehicle}": {"X": self.x, "Y": self.y},
-            f"V2VMotion_{vehicle}": {"Speed": self.speed, "Course": self.course, "YawRate": self.yaw_rate},
+            topics.position.message: {"X": self.x, "Y": self.y},
+            topics.motion.message: {"Speed": self.speed, "Course": self.course, "YawRate": self.yaw_rate},
         }
 
 
@@ -139,7 +172,13 @@ class Command:
     @classmethod
     def evenly(cls, wheel_torque: float, steering_angle: float = 0.0) -> Self:
         """Return a command with the same torque (N m) on every wheel."""
-        return cls(steering_angle, wheel_torque, wheel_torque, wheel_torque, wheel_torque)
+        return cls.of_wheels(steering_angle, (wheel_torque,) * len(WHEEL_NAMES))
+
+    @classmethod
+    def of_wheels(cls, steering_angle: float, torques: Sequence[float] | NDArray[np.float64]) -> Self:
+        """Return a command with torques (4,) in N m, in the order of `platoon_fmu.wheels`."""
+        named = {f"torque_{name}": float(torque) for name, torque in zip(WHEEL_NAMES, torques, strict=True)}
+        return cls(steering_angle, **named)
 
     def messages(self, state: CommandState) -> Mapping[str, Signals]:
         """Return the three messages, worth `state`."""

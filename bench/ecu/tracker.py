@@ -11,21 +11,21 @@ from bench.bus.network import EcuSlot
 from bench.bus.reception import Health
 from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
+from bench.control.allocation import virtual_input
 from bench.control.brake_steering import BrakeSteering
 from bench.control.outcome import GainSource, SolverStatus
 from bench.control.settings import TrackerSettings
 from bench.control.slow_down import slow_down
 from bench.control.tracker import Tracker, TrackerOutput
 from bench.cycle import CYCLE_S
-from bench.ecu.limits import limits_of, possible
+from bench.ecu.limits import limits_of, possible, timeout_cycles
 from bench.ecu.plausibility import OwnMotion, OwnState
+from bench.ecu.quantities import ACTUATORS, REFERENCE, SENSORS, Command, Reference, bus_health
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 
-Reference = tuple[float, float]
-
-REFERENCE_CYCLES = 10
-"""Cycles without a reference after which it is lost: its timeout in the DBC."""
+NextReference = tuple[float, float]
+"""v_x (m/s) and yaw rate (rad/s)."""
 
 FOLLOWS_MPS = 1.0
 """How far (m/s) the reference of a vehicle that slows down may be off its speed."""
@@ -47,17 +47,6 @@ DISTURBANCE = np.array([1.0, 4.0, 3.5])
 
 DISTURBANCE_CYCLES = 5
 """Cycles in a row of such a disturbance that it takes."""
-
-_OWN = (
-    ("PositionReception", "VehiclePosition"),
-    ("AttitudeReception", "VehicleAttitude"),
-    ("MotionReception", "VehicleMotion"),
-    ("WheelsFrontReception", "WheelSpeedsFront"),
-    ("WheelsRearReception", "WheelSpeedsRear"),
-    ("ActuatorReception", "ActuatorStatus"),
-    ("ReferenceReception", "Reference"),
-)
-
 
 SLIDING_SLIP_RAD = 0.06
 """Slip angle at which a front tyre saturates on ice (brush tyre, adhesion 0.2, half the axle's load and stiffness)."""
@@ -88,13 +77,14 @@ class TrackerEcu:
         self._brake_steering = BrakeSteering(self._parameters, scenario.tracker.wheel_force_max_n, CYCLE_S)
         self._braking = scenario.planner.slow_down_mps2
         self._crawl = scenario.planner.speed_min_mps
-        self._topics = {message: Topic(self._bus, message) for _, message in _OWN}
+        self._topics = {message: Topic(self._bus, message) for message in (*SENSORS, ACTUATORS, REFERENCE)}
         self.inputs: tuple[Topic, ...] = tuple(self._topics.values())
-        self._limits = limits_of("vehicle.dbc", "Reference")
+        self._limits = limits_of("vehicle.dbc", REFERENCE)
+        self._reference_timeout = timeout_cycles("vehicle.dbc", REFERENCE)
         self._own = OwnMotion(self._parameters)
         self._grid = scenario.vehicles[vehicle - 1]
         self._last_cycle: int | None = None
-        self._now: Reference | None = None
+        self._now: NextReference | None = None
         self._reference_age = 0
         self._commanded: NDArray[np.float64] | None = None
         self._sent_steering: float | None = None
@@ -119,21 +109,14 @@ class TrackerEcu:
         if cycle == 0:
             self._own.start_from(self._grid.x_m, self._grid.y_m, self._grid.yaw_rad, self._grid.speed_mps)
         frames = {message: inputs[topic] for message, topic in self._topics.items()}
-        own = self._own.update(
-            frames["VehiclePosition"],
-            frames["VehicleAttitude"],
-            frames["VehicleMotion"],
-            frames["WheelSpeedsFront"],
-            frames["WheelSpeedsRear"],
-            1 if self._last_cycle is None else cycle - self._last_cycle,
-        )
+        own = self._own.update(frames, 1 if self._last_cycle is None else cycle - self._last_cycle)
         self._last_cycle = cycle
-        cause = max(self._own.cause, self._watch_steering(frames["ActuatorStatus"]))
-        then, reference_cause = self._next_reference(frames["Reference"], own)
+        cause = max(self._own.cause, self._watch_steering(frames[ACTUATORS]))
+        then, reference_cause = self._next_reference(frames[REFERENCE], own)
         slowing = own is not None and (reference_cause is Cause.REFERENCE_LOST or self._steering_stuck)
         if own is not None and slowing:
             then = self._slower(own)
-        applied = self._really_applied(frames["ActuatorStatus"])
+        applied = self._really_applied(frames[ACTUATORS])
         out = None if own is None or then is None else self._track(own, then, applied)
         self._now = then
         cause = max(cause, reference_cause, self._doubts(out))
@@ -151,23 +134,25 @@ class TrackerEcu:
     def _steering_stuck(self) -> bool:
         return self._steering_good < STEERING_RECOVERY_CYCLES
 
-    def _track(self, own: OwnState, then: Reference, applied: NDArray[np.float64]) -> TrackerOutput:
+    def _track(self, own: OwnState, then: NextReference, applied: NDArray[np.float64]) -> TrackerOutput:
         xi = np.array([own.v_x, own.v_y, own.yaw_rate])
         return self._tracker.step(xi, self._now or (own.v_x, own.yaw_rate), then, applied)
 
-    def _next_reference(self, frame: Signals | None, own: OwnState | None) -> tuple[Reference | None, Cause]:
+    def _next_reference(self, frame: Signals | None, own: OwnState | None) -> tuple[NextReference | None, Cause]:
         """The next cycle's reference, the last one where none came, and what is wrong with it."""
         usable = frame is not None and frame["ReferenceState"] != ReferenceState.NONE
         if frame is not None and usable and possible(self._limits, frame, ("YawRate",)):
             self._reference_age = 0
             valid = frame["ReferenceState"] == ReferenceState.VALID
-            return (frame["VelocityX"], frame["YawRate"]), Cause.NONE if valid else Cause.REFERENCE_DEGRADED
+            reference = Reference.read(frame)
+            cause = Cause.NONE if valid else Cause.REFERENCE_DEGRADED
+            return (reference.v_x, reference.yaw_rate), cause
         self._reference_age += 1
-        if self._reference_age >= REFERENCE_CYCLES:
+        if self._reference_age >= self._reference_timeout:
             return self._now or (None if own is None else (own.v_x, own.yaw_rate)), Cause.REFERENCE_LOST
         return self._now, Cause.REFERENCE_MISSING
 
-    def _slower(self, own: OwnState) -> Reference:
+    def _slower(self, own: OwnState) -> NextReference:
         """The next reference on the way to a crawl in the lane."""
         v, gamma = self._now or (own.v_x, own.yaw_rate)
         v = min(max(v, own.v_x - FOLLOWS_MPS), own.v_x + FOLLOWS_MPS)
@@ -229,7 +214,7 @@ class TrackerEcu:
         self,
         state: EcuState,
         own: OwnState | None,
-        then: Reference | None,
+        then: NextReference | None,
         out: TrackerOutput | None,
         *,
         slowing: bool,
@@ -249,18 +234,13 @@ class TrackerEcu:
                 self._commanded = np.array([steering, *out.u[1:]])
             if self._steering_stuck:
                 steering, forces = 0.0, self._brake_steering.forces(own.v_x, own.yaw_rate, *then)
-                left, right = forces[0] + forces[1], forces[2] + forces[3]
-                self._commanded = np.array([0.0, left + right, 0.5 * self._parameters.l_t * (right - left)])
+                self._commanded = virtual_input(self._parameters, steering, forces)
             else:
                 self._brake_steering.reset()
             self._sent_steering = steering
             torques = self._parameters.R_w * forces
-        fl, rl, rr, fr = map(float, torques)
-        return [
-            Outgoing(self._bus, "SteeringCommand", {"SteeringAngle": steering, "CommandState": validity}),
-            Outgoing(self._bus, "TorqueCommandFront", {"TorqueFL": fl, "TorqueFR": fr}),
-            Outgoing(self._bus, "TorqueCommandRear", {"TorqueRL": rl, "TorqueRR": rr}),
-        ]
+        commands = Command.of_wheels(steering, torques).messages(validity)
+        return [Outgoing(self._bus, name, values) for name, values in commands.items()]
 
     def _diagnostics(self, state: EcuState, cause: Cause, out: TrackerOutput | None) -> list[Outgoing]:
         status: dict[str, float] = {
@@ -295,9 +275,7 @@ class TrackerEcu:
         ]
 
     def _bus_health(self, health: Health) -> Outgoing:
-        values: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
-        values |= {signal: health.of(self._topics[message]).state for signal, message in _OWN}
-        return Outgoing(self._bus, "TrackerBusHealth", values)
+        return Outgoing(self._bus, "TrackerBusHealth", bus_health(health))
 
 
 def _named(names: tuple[str, ...], values: NDArray[np.float64]) -> dict[str, float]:

@@ -7,20 +7,18 @@ from typing import ClassVar, final
 from bench.bus.states import CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
+from bench.ecu.limits import timeout_cycles
 from bench.ecu.quantities import MOTION, REFERENCE, Command, Motion, Reference
-
-REFERENCE_HOLD_CYCLES = 10
-"""Cycles without a reference, or with one whose state is None, in which the last one counts; the DBC's timeout."""
 
 
 class TrackerBase(EcuBase):
     """A tracker: what makes the vehicle follow the reference.
 
     It calls `control` in every cycle in which the own motion is known, with the newest reference. States, on the bus in
-    `TrackerStatus`: *init* until the first reference; *run*; *degraded* while the reference is missing (the last one
-    is held for `REFERENCE_HOLD_CYCLES`) or marked as degraded; *safe* while the own motion is missing or there is no
-    reference any more. In *init* and *safe* the commands say that they are not to be used: the actuators hold what they
-    have, then go to their safe state.
+    `TrackerStatus`: *init* until the first reference; *run*; *degraded* while the reference is missing or its
+    state is None (the last one is held for the message's timeout in the DBC), or marked as degraded; *safe* while the
+    own motion is missing or there is no reference any more. In *init* and *safe* the commands say that they are not to
+    be used: the actuators hold what they have, then go to their safe state.
     """
 
     role: ClassVar[str] = "tracker"
@@ -59,4 +57,4 @@ class TrackerBase(EcuBase):
         if self._reference is None:
             return EcuState.INIT
         self._held_cycles += 1
-        return EcuState.SAFE if self._held_cycles >= REFERENCE_HOLD_CYCLES else EcuState.DEGRADED
+        return EcuState.SAFE if self._held_cycles >= timeout_cycles("vehicle.dbc", REFERENCE) else EcuState.DEGRADED

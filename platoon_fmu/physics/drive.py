@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import Instance, Kind, OpenFmu
 from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.wheels import WHEEL_NAMES
 
 Array = NDArray[np.float64]
 
-WHEELS = ("fl", "rl", "rr", "fr")
 STATES = (
     *("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "p"),
-    *(f"omega_{wheel}" for wheel in WHEELS),
+    *(f"omega_{wheel}" for wheel in WHEEL_NAMES),
     *("load_transfer_x", "load_transfer_y"),
 )
 
 
 def of_wheels(quantity: str) -> tuple[str, ...]:
-    """The names of a quantity at the four wheels, in the order of `WHEELS`."""
-    return tuple(f"{quantity}_{wheel}" for wheel in WHEELS)
+    """The names of a quantity at the four wheels, in the order of `WHEEL_NAMES`."""
+    return tuple(f"{quantity}_{wheel}" for wheel in WHEEL_NAMES)
 
 
 def declared_parameters(fmu: OpenFmu) -> VehicleParameters:
@@ -118,7 +118,7 @@ class Car:
         return self._references[names]
 
     def torque(self, *torques: float) -> None:
-        """One torque for all wheels, or four in the order of `WHEELS` [N m]."""
+        """One torque for all wheels, or four in the order of `WHEEL_NAMES` [N m]."""
         each = torques * 4 if len(torques) == 1 else torques
         self.set(dict(zip(of_wheels("wheel_torque"), each, strict=True)))
 

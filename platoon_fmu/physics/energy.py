@@ -24,8 +24,9 @@ import numpy as np
 
 from platoon_fmu.importer import OpenFmu
 from platoon_fmu.parameters import VehicleParameters
-from platoon_fmu.physics.drive import STATES, WHEELS, Array, Car, of_wheels
+from platoon_fmu.physics.drive import STATES, Array, Car, of_wheels
 from platoon_fmu.physics.figure import Figure, at_most, between
+from platoon_fmu.wheels import WHEEL_NAMES
 
 _H, _SECONDS = 0.001, 5.0
 _NAMES = (
@@ -276,7 +277,7 @@ def _losses(values: Values, P: VehicleParameters) -> Array:
     F_x, F_y, F_z, omega = (_wheels(values, quantity) for quantity in ("F_x", "F_y", "F_z", "omega"))
     soft = 1 - _wheels(values, "inflation")
     rim_speed = P.R_w * (1 - soft * (1 - P.flat_radius)) * omega
-    for i, wheel in enumerate(WHEELS):
+    for i, wheel in enumerate(WHEEL_NAMES):
         v_long, v_lat = _contact_velocity(values, P, wheel)
         turning = np.minimum(np.abs(rim_speed[i]) / P.v_roll, 1.0)
         rolling = P.flat_rolling * soft[i] * F_z[i] * turning * (3 - turning**2) / 2

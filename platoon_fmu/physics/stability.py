@@ -11,9 +11,10 @@ from scipy.optimize import brentq
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import Instance, Kind, OpenFmu
 from platoon_fmu.parameters import VehicleParameters
-from platoon_fmu.physics.drive import WHEELS, Array, Car, SpeedHold
+from platoon_fmu.physics.drive import Array, Car, SpeedHold
 from platoon_fmu.physics.figure import Figure, near
 from platoon_fmu.physics.reference import critical_speed, running_stiffness, table_stiffness, two_track
+from platoon_fmu.wheels import WHEEL_NAMES
 
 LAMBDAS = {"lambda_f": 1.0, "lambda_r": -1.0}
 """The stiffest front and the softest rear axle."""
@@ -134,7 +135,7 @@ def linearised(model: Instance, P: VehicleParameters, speed: float) -> Array:
     rolling = P.mu_d * P.M * P.g
     model.set(force_x=rolling + P.C_a * speed**2)
     steady = {"v_x": speed, "load_transfer_x": -P.h * rolling / P.L}
-    steady |= {f"omega_{wheel}": speed / P.R_w for wheel in WHEELS}
+    steady |= {f"omega_{wheel}": speed / P.R_w for wheel in WHEEL_NAMES}
     x = np.array([steady.get(name, 0.0) for name in model.state_names])
     kept = [i for i, name in enumerate(model.state_names) if name not in _LEFT_OUT]
     columns = []

@@ -9,6 +9,7 @@ import numpy as np
 from platoon_fmu.importer import OpenFmu
 from platoon_fmu.physics.drive import STATES, Array, Car, of_wheels
 from platoon_fmu.physics.figure import Figure, at_most
+from platoon_fmu.wheels import WHEEL_NAMES
 
 SPEED = 25.0
 """Of the test [m/s]."""
@@ -74,4 +75,4 @@ def _drive(fmu: OpenFmu, angle: float, side: int) -> dict[str, Array]:
 
 def _other_side(name: str) -> str:
     stem, _, wheel = name.rpartition("_")
-    return f"{stem}_{wheel[0]}{wheel[1:].translate(_SIDES)}" if wheel in ("fl", "rl", "rr", "fr") else name
+    return f"{stem}_{wheel[0]}{wheel[1:].translate(_SIDES)}" if wheel in WHEEL_NAMES else name

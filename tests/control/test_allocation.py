@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.allocation import Allocation, allocate
+from bench.control.allocation import Allocation, allocate, virtual_input
 from platoon_fmu.parameters import VehicleParameters
 
 share = st.floats(-1, 1)
@@ -31,3 +31,12 @@ def test_no_combination_overloads_a_wheel(moment_share: float, part: tuple[float
 def test_limits_together_use_a_wheel_fully(allocation: Allocation) -> None:
     U = allocation.matrix @ allocation.limit
     assert U[1:].max() == pytest.approx(3000.0)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-9000, 9000), st.floats(-2000, 2000))
+def test_virtual_input_is_what_the_allocated_forces_come_to(steering: float, force: float, moment: float) -> None:
+    vehicle = VehicleParameters()
+    allocation = allocate(vehicle, 0.5, 3000.0, 0.25)
+    delta, *forces = allocation.matrix @ np.array([steering, force, moment])
+    found = virtual_input(vehicle, delta, np.array(forces))
+    assert found == pytest.approx([steering, force, moment], rel=1e-9, abs=1e-9)

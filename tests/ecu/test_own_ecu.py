@@ -11,13 +11,13 @@ from bench.bus.reception import Reception, ReceptionState
 from bench.bus.states import CommandState, EcuState, ReferenceState
 from bench.ecu import Command, Health, Motion, Peer, PlannerBase, Pose, Reference, Signals, Topic, TrackerBase
 from bench.ecu.loading import load_class
-from bench.ecu.tracker_base import REFERENCE_HOLD_CYCLES
 from bench.errors import BadInput
 from bench.scenario import Scenario, load
 
 EXAMPLES = Path(__file__).parents[2] / "bench" / "examples"
 SCENARIO = load("formation")
 CODECS = load_codecs(len(SCENARIO.vehicles))
+HOLD_CYCLES = CODECS["veh1"].timeout_cycles("Reference")
 MOTION = {"VelocityX": 20.0, "VelocityY": 0.5, "YawRate": 0.1}
 POSITION, ATTITUDE = {"X": 100.0, "Y": -3.5}, {"Yaw": 0.2, "Roll": 0.0}
 REFERENCE = {"VelocityX": 21.0, "YawRate": 0.2, "ReferenceState": ReferenceState.VALID}
@@ -117,7 +117,7 @@ def test_a_command_is_worth_what_its_reference_is(
 def test_a_tracker_holds_the_reference_for_a_while(reference: Signals | None) -> None:
     tracker = Probe(1, SCENARIO)
     step(tracker, VehicleMotion=MOTION, Reference=REFERENCE)
-    for _ in range(REFERENCE_HOLD_CYCLES - 1):
+    for _ in range(HOLD_CYCLES - 1):
         sent = step(tracker, VehicleMotion=MOTION, Reference=reference)
         assert sent["TrackerStatus"]["State"] == EcuState.DEGRADED
         assert all_commands(sent)["CommandState"] == CommandState.DEGRADED
@@ -126,13 +126,9 @@ def test_a_tracker_holds_the_reference_for_a_while(reference: Signals | None) ->
         sent = step(tracker, VehicleMotion=MOTION, Reference=reference)
         assert sent["TrackerStatus"]["State"] == EcuState.SAFE
         assert set(all_commands(sent).values()) == {0}
-    assert len(tracker.calls) == REFERENCE_HOLD_CYCLES
+    assert len(tracker.calls) == HOLD_CYCLES
     sent = step(tracker, VehicleMotion=MOTION, Reference=REFERENCE)
     assert sent["TrackerStatus"]["State"] == EcuState.RUN
-
-
-def test_the_reference_is_held_as_long_as_the_dbc_has_it() -> None:
-    assert CODECS["veh1"].timeout_cycles("Reference") == REFERENCE_HOLD_CYCLES
 
 
 def test_a_tracker_waits_for_its_first_reference() -> None:

@@ -5,13 +5,15 @@ from collections.abc import Callable
 
 import pytest
 
+from bench.bus.codec import DBC_DIR, Codec
 from bench.bus.states import Cause
-from bench.ecu.plausibility import LOST_CYCLES, RECOVERY_CYCLES, OwnMotion, OwnState
+from bench.ecu.plausibility import RECOVERY_CYCLES, OwnMotion, OwnState
 from platoon_fmu.parameters import VehicleParameters
 from tests.ecu.drive import Drive, Frames
 
 Change = Callable[[Frames, int], None]
 SENSORS = ("VehiclePosition", "VehicleAttitude", "VehicleMotion", "WheelSpeedsFront", "WheelSpeedsRear")
+LOST_CYCLES = Codec(DBC_DIR / "vehicle.dbc").timeout_cycles("VehicleMotion")
 BEGIN = 50
 
 
@@ -31,7 +33,7 @@ class Trial:
             frames = self.drive.frames()
             if change is not None and cycle >= BEGIN:
                 change(frames, cycle)
-            self.states.append(self.own.update(*(frames[name] for name in SENSORS)))
+            self.states.append(self.own.update(frames))
             self.causes.append(self.own.cause)
 
     def detected_after(self) -> int | None:
@@ -151,7 +153,7 @@ def test_without_motion_and_attitude_the_wheels_tell_the_yaw_rate() -> None:
 def test_from_a_known_start_the_first_cycle_finds_the_vehicle_there_without_any_sensor(yaw: float) -> None:
     own = OwnMotion(VehicleParameters())
     own.start_from(40.0, 3.5, yaw, 15.0)
-    state = own.update(None, None, None, None, None)
+    state = own.update(dict.fromkeys(SENSORS))
     assert state is not None
     assert (state.x, state.y, state.yaw) == pytest.approx((40.0, 3.5, yaw), abs=1e-9)
     assert (state.v_x, state.v_y, state.yaw_rate) == (15.0, 0.0, 0.0)
@@ -160,9 +162,9 @@ def test_from_a_known_start_the_first_cycle_finds_the_vehicle_there_without_any_
 def test_before_the_first_whole_pose_the_own_motion_is_unknown() -> None:
     own, frames = OwnMotion(VehicleParameters()), Drive().frames()
     for missing in ("VehiclePosition", "VehicleAttitude"):
-        assert own.update(*(None if name == missing else frames[name] for name in SENSORS)) is None
+        assert own.update({**frames, missing: None}) is None
         assert own.cause is Cause.OWN_MOTION_LOST
-    state = own.update(*(frames[name] for name in SENSORS))
+    state = own.update(frames)
     assert state is not None
     assert (state.x, state.y, state.yaw) == (0.0, pytest.approx(3.5), 0.0)
     assert own.cause is Cause.NONE
@@ -215,7 +217,7 @@ def test_cycles_that_the_ecu_was_not_there_for_are_no_fault() -> None:
         frames = drive.frames()
         if cycle % 7 in (3, 4) or 100 < cycle < 105:
             continue
-        own.update(*(frames[name] for name in SENSORS), cycle - last)
+        own.update(frames, cycle - last)
         last = cycle
         assert own.cause is Cause.NONE, cycle
 
@@ -227,7 +229,7 @@ def test_from_a_known_start_a_position_is_found_that_was_wrong_from_the_first_fr
         y = drive.y
         frames = drive.frames()
         put("VehiclePosition", "Y", lambda value, _: value + 2.0)(frames, 0)
-        state = own.update(*(frames[name] for name in SENSORS))
+        state = own.update(frames)
         assert own.cause is Cause.SENSOR_IMPLAUSIBLE
         assert state is not None
         assert state.y == pytest.approx(y, abs=0.2)
