@@ -8,6 +8,8 @@ from bench.conductor.fault_desk import ask
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.resim.history import read_history
+from bench.resim.plan import make_plan
+from bench.resim.rewrite import write
 from bench.scenario import load
 from tests.resim.conftest import rerun
 
@@ -41,3 +43,6 @@ def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
     steps = {outcome.name: outcome.steps for outcome in outcomes}
     assert steps.pop("veh2.tracker") == 50
     assert set(steps.values()) == {60}
+    # A log made of this one tells the same of the run.
+    write(make_plan(Run(out), (), every=True, tolerances=()), outcomes, tmp_path / "again.mcap", "test")
+    assert Run(tmp_path / "again.mcap").events == Run(out).events != []
