@@ -1,5 +1,6 @@
 """Faults of sensors and senders: signals that are stuck, biased, noisy or gone, under a good CRC and counter."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
@@ -27,9 +28,9 @@ class SignalFault(FrameFault):
         """See `Fault`."""
         values[self.signal] = self.changed(values[self.signal], frame, memory)
 
+    @abstractmethod
     def changed(self, value: float, frame: FrameContext, memory: Memory) -> float:
         """Return the signal's value under the fault."""
-        return value
 
 
 class SensorFault(FrameFault):

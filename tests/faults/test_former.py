@@ -18,6 +18,8 @@ from bench.resim.history import read_history
 from bench.scenario import Scenario, load
 from tests.resim.conftest import rerun
 
+SIMPLE_FILE = Path(__file__).parents[1] / "ecus" / "simple.py"
+SIMPLE = {"planner": f"{SIMPLE_FILE}:CruisePlanner", "tracker": f"{SIMPLE_FILE}:SpeedTracker"}
 FORMER = {"kind": "tyre_blowout", "at_s": 0.02, "vehicle": 1, "axle": "rear", "lambda_level": -0.5}
 SOFTENING = AxleSoftening(at_s=0.02, vehicle=1, axle="rear", lambda_level=-0.5)
 
@@ -29,7 +31,8 @@ def former_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     scenario = load("formation", ["duration_s=0.1", f"faults=[{soft}]"])
     text = scenario.toml().replace("axle_softening", "tyre_blowout")
     monkeypatch.setattr(Scenario, "toml", lambda _: text)
-    return Run(run(scenario, address=Address.parse("direct"), out=tmp_path / "former.mcap", command_line=["x"]).path)
+    out = tmp_path / "former.mcap"
+    return Run(run(scenario, address=Address.parse("direct"), out=out, command_line=["test"], ecus=SIMPLE).path)
 
 
 def test_what_an_earlier_version_called_a_blowout_of_an_axle_is_its_softening(former_log: Run) -> None:
@@ -37,7 +40,7 @@ def test_what_an_earlier_version_called_a_blowout_of_an_axle_is_its_softening(fo
     assert former_log.scenario.faults == (SOFTENING,)
     assert compute(former_log).least_distance_m > 4.0
     assert render(former_log)
-    (outcome,) = rerun(former_log.path, "veh1.planner", tolerances=())
+    (outcome,) = rerun(former_log.path, "veh1.planner", tolerances=(), classes=[f"planner={SIMPLE['planner']}"])
     assert outcome.same, outcome.error
 
 

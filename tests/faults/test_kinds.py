@@ -43,6 +43,15 @@ def test_a_kind_is_read_from_its_table_and_written_as_one(kind: str) -> None:
     assert READ.validate_json(READ.dump_json(fault)) == fault
 
 
+def inline(table: dict[str, object]) -> str:
+    return "{" + ", ".join(f"{name} = {value!r}" for name, value in table.items()) + "}"
+
+
+@pytest.mark.parametrize("kind", kinds())
+def test_a_target_that_exists_is_taken(kind: str) -> None:
+    assert load("formation", [f"faults=[{inline(example(kind))}]"]).faults == (READ.validate_python(example(kind)),)
+
+
 @pytest.mark.parametrize(
     "kind", [kind for kind in kinds() if any(key in example(kind) for key in ("bus", "node", "ecu", "vehicle"))]
 )
@@ -50,6 +59,34 @@ def test_a_target_that_does_not_exist_is_named(kind: str) -> None:
     key = next(key for key in ("bus", "node", "ecu", "vehicle") if key in example(kind))
     value: object = 9 if key == "vehicle" else str(ANY[key]).replace("veh1", "veh9")
     table = example(kind) | {key: value}
-    inline = ", ".join(f"{name} = {text!r}" for name, text in table.items())
     with pytest.raises(BadInput, match=rf"faults\.0\.{key} = (veh)?9\S* does not exist; allowed: "):
-        load("formation", [f"faults=[{{{inline}}}]"])
+        load("formation", [f"faults=[{inline(table)}]"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "complaint"),
+    [
+        ('{kind = "ice_patch", at_s = 1.0, vehicle = 4}', "faults.0.vehicle = 4 does not exist; allowed: 1 to 3"),
+        ('{kind = "ecu_crash", at_s = 1.0, ecu = "veh4.planner"}', "faults.0.ecu = veh4.planner does not exist"),
+        ('{kind = "frame_loss", at_s = 1.0, bus = "veh4"}', "faults.0.bus = veh4 does not exist; allowed: v2v, veh1"),
+        ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", message = "BenchSync"}', "faults.0.message = BenchSync"),
+        (
+            '{kind = "sensor_bias", at_s = 1.0, bus = "veh1", message = "Reference", signal = "YawRate", bias = 1.0}',
+            "faults.0.message = Reference is nothing on veh1 that can have this fault; allowed: VehiclePosition",
+        ),
+        (
+            '{kind = "signal_stuck", at_s = 1.0, bus = "veh1", message = "Reference", signal = "Yaw"}',
+            "faults.0.signal = Yaw is no signal of Reference; allowed: VelocityX, YawRate, ReferenceState",
+        ),
+        ('{kind = "counter_stuck", at_s = 1.0, bus = "veh1", message = "PlannerStatus"}', "has no alive counter"),
+        ('{kind = "earthquake", at_s = 1.0}', 'faults.0 has the kind "earthquake"; allowed: one of actuator_stuck, '),
+        ("{at_s = 1.0}", "faults.0 has no kind; allowed: one of actuator_stuck"),
+        ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", probability = 2.0}', "faults.0.probability = 2.0"),
+        ('{kind = "ice_patch", at_s = 1.0, frction = 0.1}', "faults.0.frction is no key"),
+        ('{kind = "ice_patch"}', "faults.0.at_s is missing"),
+    ],
+)
+def test_a_fault_that_cannot_be_is_refused_by_key(fault: str, complaint: str) -> None:
+    with pytest.raises(BadInput) as refusal:
+        load("formation", [f"faults=[{fault}]"])
+    assert complaint in str(refusal.value)

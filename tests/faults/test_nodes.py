@@ -54,3 +54,10 @@ def test_a_node_that_is_off_the_bus_does_not_babble_either() -> None:
     came = sent(BusOff(at_s=START / 100, node="veh1.tracker", for_s=0.01), idiot)
     assert Counter(names(came, START)) == {"BenchAbsent": 2}
     assert Counter(names(came, START + 1))["0x080"] == 2
+
+
+def test_a_babbling_idiot_takes_no_room_on_other_buses() -> None:
+    idiot = BabblingIdiot(at_s=0.0, node="veh1.planner", frames_per_cycle=60)
+    assert idiot.starved("veh1", (0x300,), 37) == {0x300}
+    assert idiot.starved("veh2", (0x300,), 37) == set()
+    assert idiot.starved("v2v", (0x300,), 37) == set()

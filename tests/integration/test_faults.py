@@ -167,32 +167,3 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
     mu = recorded.truth(1)
     assert set(mu["mu"][mu["t"] > ice["at_s"] + 0.005]) == {0.3}
     assert set(mu["mu"][mu["t"] < ice["at_s"]]) == {0.8}
-
-
-@pytest.mark.parametrize(
-    ("fault", "complaint"),
-    [
-        ('{kind = "ice_patch", at_s = 1.0, vehicle = 4}', "faults.0.vehicle = 4 does not exist; allowed: 1 to 3"),
-        ('{kind = "ecu_crash", at_s = 1.0, ecu = "veh4.planner"}', "faults.0.ecu = veh4.planner does not exist"),
-        ('{kind = "frame_loss", at_s = 1.0, bus = "veh4"}', "faults.0.bus = veh4 does not exist; allowed: v2v, veh1"),
-        ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", message = "BenchSync"}', "faults.0.message = BenchSync"),
-        (
-            '{kind = "sensor_bias", at_s = 1.0, bus = "veh1", message = "Reference", signal = "YawRate", bias = 1.0}',
-            "faults.0.message = Reference is nothing on veh1 that can have this fault; allowed: VehiclePosition",
-        ),
-        (
-            '{kind = "signal_stuck", at_s = 1.0, bus = "veh1", message = "Reference", signal = "Yaw"}',
-            "faults.0.signal = Yaw is no signal of Reference; allowed: VelocityX, YawRate, ReferenceState",
-        ),
-        ('{kind = "counter_stuck", at_s = 1.0, bus = "veh1", message = "PlannerStatus"}', "has no alive counter"),
-        ('{kind = "earthquake", at_s = 1.0}', 'faults.0 has the kind "earthquake"; allowed: one of actuator_stuck, '),
-        ("{at_s = 1.0}", "faults.0 has no kind; allowed: one of actuator_stuck"),
-        ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", probability = 2.0}', "faults.0.probability = 2.0"),
-        ('{kind = "ice_patch", at_s = 1.0, frction = 0.1}', "faults.0.frction is no key"),
-        ('{kind = "ice_patch"}', "faults.0.at_s is missing"),
-    ],
-)
-def test_a_fault_that_cannot_be_is_refused_by_key(fault: str, complaint: str) -> None:
-    with pytest.raises(BadInput) as refusal:
-        load("formation", [f"faults=[{fault}]"])
-    assert complaint in str(refusal.value)
