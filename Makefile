@@ -1,6 +1,6 @@
 # make run: all the set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
-# make lint, make coverage, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS goes to pytest:
-# make test PYTEST_ARGS='-x -k outbox'.
+# make lint, make coverage, make mutation, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS goes
+# to pytest: make test PYTEST_ARGS='-x -k outbox'.
 PYTHON      ?= python3
 SCENARIO    ?= formation
 ARGS        ?=
@@ -24,7 +24,7 @@ SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbo
 	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
 
-.PHONY: setup run check test coverage nightly lint lint-c lint-js docs dist bench references clean
+.PHONY: setup run check test coverage mutation nightly lint lint-c lint-js docs dist bench references clean
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
@@ -49,7 +49,11 @@ coverage: setup $(DEVELOP)
 	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
 	$(BIN)/coverage report
 
-nightly: setup $(DEVELOP)
+# Some 1,600 mutants, as many at a time as there are cores.
+mutation: setup $(DEVELOP)
+	$(BIN)/python -m tests.mutation $(SAFETY)
+
+nightly: setup $(DEVELOP) mutation
 	$(PYTEST) -m nightly $(PYTEST_ARGS)
 
 lint: $(LINTERS) lint-c lint-js

@@ -88,6 +88,7 @@ def test_there_is_nothing_to_drain_where_nothing_came() -> None:
 def test_before_the_first_bench_sync_no_cycle_is_open_and_time_is_virtual() -> None:
     inbox = Rig().inbox
     assert (inbox.cycle, inbox.opened, inbox.stopped, inbox.realtime) == (0, -1, False, False)
+    assert (inbox.opened_at, inbox.late) == (0.0, 0)
 
 
 def test_links_are_told_which_frames_are_wanted() -> None:
@@ -140,21 +141,22 @@ def test_the_count_of_errors_is_that_up_to_the_newest_bench_sync() -> None:
 
 def test_states_outside_their_value_table_make_a_frame_an_error_though_its_crc_is_good() -> None:
     rig = Rig(REFERENCE)
-    rig.sync(0)
     values = CODECS["veh1"].start_values("Reference")
-    can_id, data = CODECS["veh1"].encode("Reference", values, 0)
     state = CODECS["veh1"].message("Reference").get_signal_by_name("ReferenceState")
-    impossible = int.from_bytes(data, "little") | (1 << state.length) - 1 << state.start
-    frame = bytearray(impossible.to_bytes(len(data), "little"))
-    protect(frame, CODECS["veh1"].data_id("Reference"), 0)
-    rig.far["veh1"].send(can_id, bytes(frame))
-    assert rig.step(REFERENCE) is None
-    assert rig.heard(REFERENCE) == Reception(ReceptionState.ERROR, 1)
-    rig.sync(1)
-    rig.send("veh1", "Reference", values | {"ReferenceState": 1}, 1)
+    for cycle in range(2):
+        rig.sync(cycle)
+        can_id, data = CODECS["veh1"].encode("Reference", values, cycle)
+        impossible = int.from_bytes(data, "little") | (1 << state.length) - 1 << state.start
+        frame = bytearray(impossible.to_bytes(len(data), "little"))
+        protect(frame, CODECS["veh1"].data_id("Reference"), cycle)
+        rig.far["veh1"].send(can_id, bytes(frame))
+        assert rig.step(REFERENCE) is None
+        assert rig.heard(REFERENCE) == Reception(ReceptionState.ERROR, 1 + cycle)
+    rig.sync(2)
+    rig.send("veh1", "Reference", values | {"ReferenceState": 1}, 2)
     assert rig.step(REFERENCE) is not None
     assert rig.heard(REFERENCE) == Reception(ReceptionState.OK, 0)
-    assert rig.inbox.health.e2e_errors == 1
+    assert rig.inbox.health.e2e_errors == 2
 
 
 def test_every_refused_frame_counts() -> None:
