@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
 from platoon_fmu.wheels import WHEELS
 
 
@@ -110,6 +110,7 @@ def _per_wheel(prefix: str, unit: str, nominal: float, description: str, **limit
     return tuple(_output(f"{prefix}_{n}", unit, nominal, f"{description}, {w}", **limits) for n, w, *_ in WHEELS)
 
 
+_LAMBDA = {"minimum": LAMBDA_MIN, "maximum": LAMBDA_MAX}
 _QUARTER_TURN = {"minimum": -math.pi / 2, "maximum": math.pi / 2}
 
 
@@ -155,8 +156,8 @@ OUTPUTS = (
 INPUTS = (
     _input("steering_angle", "rad", 0.1, "road-wheel angle of both front wheels, positive to the left"),
     *(_input(f"wheel_torque_{n}", "N.m", 100.0, f"torque on the wheel, {w}") for n, w, *_ in WHEELS),
-    _input("lambda_f", "1", 1.0, "uncertainty of the front cornering stiffness", minimum=-1.0, maximum=1.0),
-    _input("lambda_r", "1", 1.0, "uncertainty of the rear cornering stiffness", minimum=-1.0, maximum=1.0),
+    _input("lambda_f", "1", 1.0, "uncertainty of the front cornering stiffness", **_LAMBDA),
+    _input("lambda_r", "1", 1.0, "uncertainty of the rear cornering stiffness", **_LAMBDA),
     _input("mu", "1", 1.0, "tyre-road friction coefficient", start=VehicleParameters().mu_a, minimum=0.01, maximum=2.0),
     *(
         _input(

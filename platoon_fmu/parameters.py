@@ -10,6 +10,9 @@ from typing import Any
 
 TABLE_1 = "the paper, Table 1"
 
+LAMBDA_MIN, LAMBDA_MAX = -1.0, 1.0
+"""Range of lambda, the uncertainty of an axle's cornering stiffness: C (1 + `cornering_variation` lambda)."""
+
 
 def _parameter(
     value: float, unit: str, description: str, source: str, *, minimum: float = 0.0, maximum: float | None = None

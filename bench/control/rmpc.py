@@ -18,6 +18,7 @@ from bench.control.certificate import proven_cost
 from bench.control.outcome import SolverStatus
 from bench.control.robust_program import Answer, RobustProgram
 from bench.control.vehicle_model import LinearModel
+from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -83,7 +84,8 @@ class RobustController:
         self._state_scale = state_scale
         self._input_scale = input_scale
         self._rho = input_weight
-        corners = [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
+        low, high = LAMBDA_MIN, LAMBDA_MAX
+        corners = [(high, high), (low, low), (high, low), (low, high)]
         self._corners = np.array(corners if independent else corners[:2])
         self._unbounded, self._bounded = (
             RobustProgram(

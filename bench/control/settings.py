@@ -10,7 +10,12 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
+from platoon_fmu.parameters import VehicleParameters
+
 Vector = NDArray[np.float64]
+
+ADHESION_MIN, ADHESION_MAX = 0.05, 1.5
+"""Range of the tyre-road adhesion of a scenario, a fault and the planner."""
 
 Unit = Annotated[float, Ge(1e-3), Le(1e5)]
 Weight = Annotated[float, Ge(0), Le(1e6)]
@@ -119,7 +124,7 @@ class PlannerSettings:
     planning_interval_s: Annotated[float, Gt(0), Le(1)] = 0.05
     gain_share: Annotated[float, Gt(0), Le(1)] = 0.2
     near_identity_length_m: float = 0.9
-    adhesion: Annotated[float, Ge(0.05), Le(1.5)] = 0.8
+    adhesion: Annotated[float, Ge(ADHESION_MIN), Le(ADHESION_MAX)] = VehicleParameters().mu_a
     boundary_share: Annotated[float, Ge(0.05), Le(1)] = 0.7
     acceleration_max_mps2: Annotated[float, Ge(0.01), Le(10)] = 3.0
     yaw_acceleration_max_radps2: Annotated[float, Ge(0.01), Le(20)] = 1.5

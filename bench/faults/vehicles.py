@@ -5,7 +5,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
+from bench.control.settings import ADHESION_MAX, ADHESION_MIN
 from bench.faults.base import Bench, Fault, Memory, Problem, VehicleNumber, no_vehicle
+from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN
 
 
 class ActuatorStuck(Fault):
@@ -58,7 +60,7 @@ class AxleSoftening(Fault):
     kind: Literal["axle_softening"] = "axle_softening"
     vehicle: VehicleNumber
     axle: Literal["front", "rear"]
-    lambda_level: Annotated[float, Field(ge=-1, le=1)] = -1.0
+    lambda_level: Annotated[float, Field(ge=LAMBDA_MIN, le=LAMBDA_MAX)] = LAMBDA_MIN
 
     def problems(self, bench: Bench) -> list[Problem]:
         """See `Fault`."""
@@ -75,7 +77,7 @@ class IcePatch(Fault):
 
     kind: Literal["ice_patch"] = "ice_patch"
     vehicle: VehicleNumber | None = None
-    mu: Annotated[float, Field(ge=0.05, le=1.5)] = 0.2
+    mu: Annotated[float, Field(ge=ADHESION_MIN, le=ADHESION_MAX)] = 0.2
 
     def problems(self, bench: Bench) -> list[Problem]:
         """See `Fault`."""

@@ -14,11 +14,19 @@ import tomli_w
 from pydantic import BaseModel, Field, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
-from bench.control.settings import PlannerSettings, TrackerSettings, check_length, planning_cycles
+from bench.control.settings import (
+    ADHESION_MAX,
+    ADHESION_MIN,
+    PlannerSettings,
+    TrackerSettings,
+    check_length,
+    planning_cycles,
+)
 from bench.cycle import CYCLE_S
 from bench.errors import BadInput
 from bench.faults.kinds import AnyFault
 from bench.faults.profile import STRICT, Profile, Within, constant
+from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
 
 LEAST_START_DISTANCE_M = 4.0
 """Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""
@@ -28,8 +36,8 @@ Problem = tuple[tuple[str | int, ...], str]
 
 Speed = Annotated[float, Field(ge=1, le=40)]
 Lateral = Annotated[float, Field(ge=-100, le=100)]
-CorneringUncertainty = Annotated[Profile, Within(-1, 1)]
-Adhesion = Annotated[Profile, Within(0.05, 1.5)]
+CorneringUncertainty = Annotated[Profile, Within(LAMBDA_MIN, LAMBDA_MAX)]
+Adhesion = Annotated[Profile, Within(ADHESION_MIN, ADHESION_MAX)]
 Force = Annotated[Profile, Within(-20_000, 20_000)]
 Moment = Annotated[Profile, Within(-20_000, 20_000)]
 Slope = Annotated[Profile, Within(-0.3, 0.3)]
@@ -62,7 +70,7 @@ class Road(BaseModel):
 
     lambda_f: CorneringUncertainty = constant(0.0)
     lambda_r: CorneringUncertainty = constant(0.0)
-    mu: Adhesion = constant(0.8)
+    mu: Adhesion = constant(VehicleParameters().mu_a)
     force_x_n: Force = constant(0.0)
     force_y_n: Force = constant(0.0)
     moment_z_nm: Moment = constant(0.0)
