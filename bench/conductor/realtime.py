@@ -12,27 +12,22 @@ The log has that cycle's time, and the kernel's time of receipt beside it.
 import os
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from bench import events
-from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.inbox import BENCH_SYNC
-from bench.bus.link.base import Link
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
 from bench.bus.topic import V2V
 from bench.conductor.clock import CLOCK, PRIORITY
+from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import frames_due
-from bench.conductor.fault_desk import FaultDesk
-from bench.conductor.free_slots import FreeSlots
 from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
-from bench.conductor.lockstep import PROGRESS_CYCLES
-from bench.conductor.outages import Outages
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
 from bench.names import PLANT
@@ -89,46 +84,14 @@ class _Expected(NamedTuple):
     data_id: int
 
 
-class Realtime:
-    """Conducts a run on the wall clock. It is the crew's `Listener`.
+class Realtime(Conductor):
+    """Conducts a run on the wall clock: `cycle` is the newest that has begun, -1 before the first."""
 
-    Attributes:
-        cycle: number of the newest cycle that has begun.
-        cycles: how many have begun.
-        misses: missed deadlines by name: of an ECU, or of the plant on one bus (veh1.plant).
-        scheduling: what the kernel has granted.
-    """
-
-    def __init__(
-        self,
-        links: Mapping[str, Link],
-        codecs: Mapping[str, Codec],
-        vehicles: int,
-        silence_s: float,
-        desk: FaultDesk,
-        free: FreeSlots,
-        *,
-        go_on: bool = False,
-    ) -> None:
-        """Listen on `links` (by bus name).
-
-        Args:
-            links: the conductor's ends of the buses.
-            codecs: codec of every bus.
-            vehicles: how many.
-            silence_s: longest time in s without a frame of the clock or of an ECU that no fault has silenced.
-            desk: where faults are taken in.
-            free: the slots of ECUs that somebody starts by hand.
-            go_on: whether the run goes on without an ECU that has failed.
-        """
-        self._links = links
-        self._codecs = codecs
-        self._silence_s = silence_s
-        self._desk = desk
-        self._free = free
-        self._outages = Outages(desk.plan)
-        self._go_on = go_on
-        due = frames_due(codecs, vehicles)
+    def __init__(self, means: Means) -> None:
+        """Conduct with `means`; `silence_s` holds for the clock, and for each ECU that no fault has silenced."""
+        super().__init__(means)
+        codecs = means.codecs
+        due = frames_due(codecs, means.vehicles)
         self._sync_ids = {bus: codec.can_id(BENCH_SYNC) for bus, codec in codecs.items()}
         self._expected = {
             bus: {
@@ -144,42 +107,29 @@ class Realtime:
         # By bus: the conductor reads one after the other, and may be behind with all of them.
         self._newest = dict.fromkeys(codecs, -1)
         self._at: dict[tuple[str, str], int] = {}
-        self._words: list[tuple[str, str]] = []
         self._strays: list[tuple[str, int]] = []
         self._prepared = -1
         self._first_ns = 0
         self._in_a_row: dict[str, int] = dict.fromkeys(self._senders, 0)
         self._pids: dict[str, int] = {}
         self.cycle = -1
-        self.misses: dict[str, int] = dict.fromkeys(self._senders, 0)
-        self.scheduling = ""
-        for link in links.values():
+        self.misses = dict.fromkeys(self._senders, 0)
+        for link in means.links.values():
             link.keep_times()
 
     @property
     def cycles(self) -> int:
-        """See the class."""
+        """See `Conductor`; those that have begun."""
         return self.cycle + 1
 
     @property
     def wall_s(self) -> float:
-        """Wall-clock time in s from the first BenchSync to the end of the newest cycle."""
+        """See `Conductor`."""
         newest = self._open[self.cycle].begun.get(V2V, self._first_ns) if self.cycle in self._open else self._first_ns
         return (newest - self._first_ns + CYCLE_NS) / 1e9 if self.cycle >= 0 else 0.0
 
-    def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
-        """Start the clock, listen for `cycles` cycles, then stop the nodes.
-
-        Args:
-            crew: does the work.
-            recorder: takes every cycle.
-            cycles: how many.
-            on_progress: called now and then with the simulated time in s.
-
-        Raises:
-            RunFailed: a process ended or fell silent; the message names it and the time.
-            Interrupted: a signal has come.
-        """
+    def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: OnProgress | None) -> None:
+        """See `Conductor`; the clock's process is started first."""
         stolen_s = stolen_s_so_far()
         with real_time(RECORDER_PRIORITY):
             self._run(crew, recorder, cycles, on_progress)
@@ -189,7 +139,7 @@ class Realtime:
             self.scheduling += f"; {stolen.text}"
             recorder.event(self.cycle, stolen)
 
-    def _run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: Callable[[float], None] | None) -> None:
+    def _run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: OnProgress | None) -> None:
         crew.restart(CLOCK)
         self._schedule(crew, recorder)
         end_at: float | None = None
@@ -204,26 +154,15 @@ class Realtime:
             if end_at is None and self.cycles >= cycles:
                 # The last cycle has its time like all others, and what is late is waited for as well.
                 end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_S
-        sent = self._send_stop()
+        sent = self._sync(BenchCommand.STOP, self.cycles)
         self._keep_up(crew, recorder, self.cycle, on_progress)
         recorder.cycle(self.cycles, sent, (), (), ())
         if on_progress is not None:
             on_progress(time_of(self.cycles))
 
     def stop(self) -> None:
-        """Tell clock and nodes to stop."""
-        self._send_stop()
-
-    def _send_stop(self) -> list[tuple[str, int, bytes]]:
-        """Send the BenchSync that ends the run on all buses; return the frames, for the log."""
-        sent = []
-        number = self.cycle + 1
-        values = {"Command": BenchCommand.STOP, "Cycle": number, "Time": time_of(number)}
-        for bus, link in self._links.items():
-            can_id, data = self._codecs[bus].encode(BENCH_SYNC, values, number)
-            link.send(can_id, data)
-            sent.append((bus, can_id, data))
-        return sent
+        """See `Conductor`; the clock stops too."""
+        self._sync(BenchCommand.STOP, self.cycles)
 
     def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
         """See `Listener`."""
@@ -249,12 +188,8 @@ class Realtime:
         """See `Listener`."""
         self._open[row.cycle].truth.append(row)
 
-    def words(self, name: str, text: str) -> None:
-        """See `Listener`."""
-        self._words.append((name, text))
-
     def record_rest(self, recorder: "Recorder") -> None:
-        """Record what has come of cycles that were not recorded."""
+        """See `Conductor`."""
         for number in sorted(self._open):
             self._record(number, recorder)
 
@@ -311,9 +246,7 @@ class Realtime:
                 raise Ended(text, error.names) from error
             return True
 
-    def _keep_up(
-        self, crew: Crew, recorder: "Recorder", newest: int, on_progress: Callable[[float], None] | None
-    ) -> None:
+    def _keep_up(self, crew: Crew, recorder: "Recorder", newest: int, on_progress: OnProgress | None) -> None:
         """Bring about the faults of the cycles that have begun; judge and record those up to `newest`."""
         while self._prepared < self.cycle:
             self._prepared += 1
@@ -366,17 +299,12 @@ class Realtime:
                 if not self._goes_on_without([name], crew, recorder, text):
                     raise RunFailed(text)
 
-    def _when(self) -> str:
-        return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"
-
     def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: "Recorder", text: str) -> bool:
         """Whether the run goes on without ECUs that have failed; if so, sees to it."""
-        if not self._go_on or not names or PLANT in names or CLOCK in names:
-            return False
-        for name in names:
-            self._outages.failed(name, crew)
-        recorder.event(max(self.cycle, 0), events.EcuFailed(names, text))
-        return True
+        failure = self._leave_out(names, crew, text)
+        if failure is not None:
+            recorder.event(max(self.cycle, 0), failure)
+        return failure is not None
 
     def _schedule(self, crew: Crew, recorder: "Recorder") -> None:
         """Give the processes that are new their priority, and a core of their own where there are enough."""

@@ -12,6 +12,7 @@ from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address, settle
 from bench.bus.link.opening import LinkError, open_link
 from bench.bus.wire.schedulability import check_load
+from bench.conductor.conducting import Conductor, Means
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots, described, free_slots, refuse_outages
 from bench.conductor.interrupts import Interrupted, Interrupts
@@ -131,10 +132,10 @@ def run(
         interrupts = stack.enter_context(Interrupts())
         stack.enter_context(as_batch_work())
         desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, out, without))
-        go_on = scenario.on_ecu_failure == "continue"
         waiting = FreeSlots(free, codecs, vehicles)
-        clock = Realtime if realtime else Lockstep
-        conducted: Lockstep | Realtime = clock(links, codecs, vehicles, silence_s, desk, waiting, go_on=go_on)
+        go_on = scenario.on_ecu_failure == "continue"
+        conductor = Realtime if realtime else Lockstep
+        conducted: Conductor = conductor(Means(links, codecs, vehicles, silence_s, desk, waiting, go_on))
         crew = stage.crew(links, conducted, interrupts, stack)
         # Not at the top: so these imports take place while the processes start.
         from bench.bus.wire.timing import BusTimeline
@@ -186,7 +187,7 @@ def run(
                 }
             )
     if ending.status == "completed":
-        timing = (conducted.misses, conducted.scheduling) if isinstance(conducted, Realtime) else ()
+        timing = conducted.misses, conducted.scheduling
         return RunResult(out, conducted.wall_s, startup_s, conducted.cycles, lost, *timing)
     there = f"The log up to there is {out}"
     if ending.status == "interrupted":

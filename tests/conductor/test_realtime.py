@@ -20,6 +20,7 @@ from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
 from bench.bus.topic import Topic
+from bench.conductor.conducting import Means
 from bench.conductor.cycle import frames_due
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots
@@ -155,7 +156,7 @@ def conduct(tmp_path: Path) -> Iterator[Conduct]:
         hub = Hub()
         links = {bus: DirectLink(bus, hub) for bus in BUSES}
         desk = FaultDesk(FaultPlan(board=FaultBoard(board)), FaultBoard(board), 1, tmp_path / "run.mcap")
-        conductor = Realtime(links, CODECS, 1, silence_s, desk, FreeSlots([], CODECS, 1), go_on=go_on)
+        conductor = Realtime(Means(links, CODECS, 1, silence_s, desk, FreeSlots([], CODECS, 1), go_on))
         crew = ScriptedCrew(links, parts)
         crew.listener = conductor
         writer = RunWriter(

@@ -1,0 +1,145 @@
+"""What both clocks of a run have in common: whom they conduct, and what they do the same way."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from bench.bus.codec import Codec
+from bench.bus.inbox import BENCH_SYNC
+from bench.bus.link.base import Link
+from bench.bus.states import BenchCommand
+from bench.bus.ties import Truth
+from bench.conductor.clock import CLOCK
+from bench.conductor.crew import Crew
+from bench.conductor.fault_desk import FaultDesk
+from bench.conductor.free_slots import FreeSlots
+from bench.conductor.outages import Outages
+from bench.cycle import time_of
+from bench.events import EcuFailed
+from bench.names import PLANT
+
+if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+    from bench.conductor.recorder import Recorder
+
+PROGRESS_CYCLES = 10
+"""Cycles between two calls of the progress function."""
+
+_NEEDED = frozenset((PLANT, CLOCK))
+"""Processes without which no run goes on."""
+
+OnProgress = Callable[[float], None]
+"""Told the simulated time in s now and then."""
+
+
+@dataclass(frozen=True)
+class Means:
+    """What a conductor works with.
+
+    Attributes:
+        links: its ends of the buses, by name.
+        codecs: codec of every bus.
+        vehicles: how many.
+        silence_s: longest wall-clock time in s without a frame.
+        desk: where faults are taken in.
+        free: the slots of ECUs that somebody starts by hand.
+        go_on: whether the run goes on without an ECU that has failed.
+    """
+
+    links: Mapping[str, Link]
+    codecs: Mapping[str, Codec]
+    vehicles: int
+    silence_s: float
+    desk: FaultDesk
+    free: FreeSlots
+    go_on: bool = False
+
+
+class Conductor(ABC):
+    """Conducts a run from its first cycle to its last. It is the crew's `Listener`.
+
+    Attributes:
+        cycle: number of the newest cycle.
+        misses: missed deadlines by name: of an ECU, or of the plant on one bus (veh1.plant); empty in virtual time.
+        scheduling: in real time what the kernel has granted, in words.
+    """
+
+    def __init__(self, means: Means) -> None:
+        """Conduct with `means`; no cycle has begun."""
+        self._links = means.links
+        self._codecs = means.codecs
+        self._silence_s = means.silence_s
+        self._desk = means.desk
+        self._free = means.free
+        self._outages = Outages(means.desk.plan)
+        self._go_on = means.go_on
+        self._words: list[tuple[str, str]] = []
+        self.cycle = 0
+        self.misses: dict[str, int] = {}
+        self.scheduling = ""
+
+    @property
+    @abstractmethod
+    def cycles(self) -> int:
+        """How many cycles the run has had."""
+
+    @property
+    @abstractmethod
+    def wall_s(self) -> float:
+        """Wall-clock time in s from the first BenchSync to the end of the newest cycle."""
+
+    @abstractmethod
+    def run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: OnProgress | None) -> None:
+        """Conduct `cycles` cycles, then stop the nodes.
+
+        Args:
+            crew: does the work.
+            recorder: takes every cycle.
+            cycles: how many.
+            on_progress: see there.
+
+        Raises:
+            RunFailed: a process ended or fell silent; the message names it and the time.
+            Interrupted: a signal has come.
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Tell the nodes to stop, before the end of the run."""
+
+    @abstractmethod
+    def record_rest(self, recorder: "Recorder") -> None:
+        """Record what has come of cycles that were not recorded."""
+
+    @abstractmethod
+    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+        """See `Listener`."""
+
+    @abstractmethod
+    def truth(self, row: Truth) -> None:
+        """See `Listener`."""
+
+    def words(self, name: str, text: str) -> None:
+        """See `Listener`."""
+        self._words.append((name, text))
+
+    def _sync(self, command: BenchCommand, cycle: int) -> list[tuple[str, int, bytes]]:
+        """Send the BenchSync of a cycle on all buses; return the frames, for the log."""
+        values = {"Command": command, "Cycle": cycle, "Time": time_of(cycle)}
+        return [self._send(bus, BENCH_SYNC, values, cycle) for bus in self._links]
+
+    def _send(self, bus: str, message: str, values: Mapping[str, float], cycle: int) -> tuple[str, int, bytes]:
+        can_id, data = self._codecs[bus].encode(message, values, cycle)
+        self._links[bus].send(can_id, data)
+        return bus, can_id, data
+
+    def _when(self) -> str:
+        return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"
+
+    def _leave_out(self, names: Sequence[str], crew: Crew, text: str) -> EcuFailed | None:
+        """Go on without ECUs that have failed, as `text` says, and return that event; None where the run cannot."""
+        if not self._go_on or not names or not _NEEDED.isdisjoint(names):
+            return None
+        for name in names:
+            self._outages.failed(name, crew)
+        return EcuFailed(names, text)

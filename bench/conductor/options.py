@@ -1,0 +1,53 @@
+"""What a run is asked to be."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bench.bus.link.address import Address
+from bench.ecu.loading import DEFAULT_ECUS
+from bench.scenario import Scenario
+
+SILENCE_S = 10.0
+"""Wall-clock time in s without a frame after which a run has failed."""
+
+WITHOUT_WAIT_S = 120.0
+"""Wall-clock time in s that a run waits for the ECUs that somebody starts by hand."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """All that a run is given.
+
+    Attributes:
+        scenario: what to run.
+        address: where the buses are; `direct` keeps everything in this process.
+        out: the log to write; it must not exist.
+        command_line: how the run was called, for the log.
+        ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
+        without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
+        without_wait_s: wall-clock time in s that the run waits for them.
+        fmu: the vehicle; None for `platoon_fmu.build.default_fmu`.
+        silence_s: wall-clock time in s without a frame after which the run has failed.
+        realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
+        on_progress: called now and then with the simulated time in s.
+        on_waiting: called with a line for a person before the run waits for ECUs.
+    """
+
+    scenario: Scenario
+    address: Address
+    out: Path
+    command_line: Sequence[str]
+    ecus: Mapping[str, str] = field(default_factory=lambda: DEFAULT_ECUS)
+    without: Collection[str] = ()
+    without_wait_s: float = WITHOUT_WAIT_S
+    fmu: Path | None = None
+    silence_s: float = SILENCE_S
+    realtime: bool = False
+    on_progress: Callable[[float], None] | None = None
+    on_waiting: Callable[[str], None] | None = None
+
+    @property
+    def vehicles(self) -> int:
+        """Number of vehicles."""
+        return len(self.scenario.vehicles)
