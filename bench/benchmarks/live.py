@@ -10,6 +10,7 @@ from rich.table import Table
 
 from bench.benchmarks.figures import in_turns, ratio_figure, table_of, time_figure
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.live.address import DEFAULT, LiveAddress
 from bench.live.session import LiveSession, live
@@ -58,7 +59,9 @@ def _viewer(session: LiveSession) -> "subprocess.Popen[str]":
 
 def _run(log: Path) -> float:
     """Return the wall-clock time (s) from the first cycle to the last."""
-    result = run(load("formation"), address=Address.parse("udp"), out=log, command_line=["bench.benchmarks", "live"])
+    result = run(
+        RunOptions(load("formation"), address=Address.parse("udp"), out=log, command_line=["bench.benchmarks", "live"])
+    )
     return result.wall_s
 
 

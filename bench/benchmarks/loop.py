@@ -17,6 +17,7 @@ from bench.analysis.metrics import Metrics, compute
 from bench.analysis.step_times import median_and_p99, percentiles, step_times_ms
 from bench.analysis.timing import timing as keeping
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.scenario import load, shipped
@@ -50,11 +51,13 @@ def record(
     """Run a scenario; return its log."""
     log = logs / f"{len(list(logs.iterdir()))}.mcap"
     run(
-        load(scenario, overrides),
-        address=Address.parse(bus),
-        out=log,
-        command_line=["bench.benchmarks", scenario, *overrides],
-        realtime=realtime,
+        RunOptions(
+            load(scenario, overrides),
+            address=Address.parse(bus),
+            out=log,
+            command_line=["bench.benchmarks", scenario, *overrides],
+            realtime=realtime,
+        )
     )
     return Run(log)
 

@@ -85,6 +85,7 @@ def run(
         session = stack.enter_context(_live(log, live_address)) if live or live_address else None
         from bench.cli.summary import following, show_metrics, show_timing
         from bench.conductor import run as conductor
+        from bench.conductor.options import RunOptions
 
         if session is not None:
             typer.echo(session.served())
@@ -95,7 +96,7 @@ def run(
             if session is not None:
                 session.check()
 
-        result = conductor.run(
+        options = RunOptions(
             loaded,
             address=address,
             out=log,
@@ -108,6 +109,7 @@ def run(
             fmu=fmu,
             realtime=clock == "realtime",
         )
+        result = conductor.run(options)
 
     from bench.analysis.metrics import compute
     from bench.analysis.requirements import LEAST_DISTANCE_M

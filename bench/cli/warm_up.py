@@ -21,15 +21,18 @@ _CONTROL = Path(__file__).parents[1] / "control"
 def main() -> None:
     """Run the first cycles of a formation in this process and discard the log."""
     from bench.bus.link.address import Address
+    from bench.conductor.options import RunOptions
     from bench.conductor.run import run
     from bench.scenario import load
 
     with tempfile.TemporaryDirectory(prefix="platoon-") as folder:
         run(
-            load("formation", ["duration_s=0.2"]),
-            address=Address.parse("direct"),
-            out=Path(folder) / "warm-up.mcap",
-            command_line=["bench.cli.warm_up"],
+            RunOptions(
+                load("formation", ["duration_s=0.2"]),
+                address=Address.parse("direct"),
+                out=Path(folder) / "warm-up.mcap",
+                command_line=["bench.cli.warm_up"],
+            )
         )
 
 

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 from bench import events
 from bench.bus.codec import Codec
@@ -19,22 +18,20 @@ from bench.record.writer import RunWriter
 _LOST, _ERRORS = "FramesLost", "E2EErrors"
 
 
-def open_recorder(
-    out: Path, stage: Stage, command_line: Sequence[str], timeline: BusTimeline, watch: ProcessWatch
-) -> "Recorder":
-    """Begin the log of a run in the file `out`, its frames timed by `timeline`.
+def open_recorder(stage: Stage, timeline: BusTimeline, watch: ProcessWatch) -> "Recorder":
+    """Begin the log of a run, its frames timed by `timeline`.
 
     Raises:
         RunFailed: it cannot be written.
     """
     writer = RunWriter(
-        out,
+        stage.options.out,
         codecs=stage.codecs,
         truth_names=stage.description.truth_names,
         truth_units=stage.description.truth_units,
         vehicles=stage.vehicles,
-        metadata=stage.metadata(command_line),
-        attachments=stage.attachments(command_line),
+        metadata=stage.metadata(),
+        attachments=stage.attachments(),
         timeline=timeline,
     )
     return Recorder(writer, stage.codecs, watch)

@@ -3,21 +3,26 @@
 import gc
 import os
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address, settle
-from bench.bus.link.opening import LinkError, open_link
+from bench.bus.link.base import Link, LinkError
+from bench.bus.link.opening import open_link
+from bench.bus.network import EcuSlot
 from bench.bus.wire.schedulability import check_load
 from bench.conductor.conducting import Conductor, Means
+from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots, described, free_slots, refuse_outages
 from bench.conductor.interrupts import Interrupted, Interrupts
 from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
+from bench.conductor.options import RunOptions
 from bench.conductor.realtime import Realtime
 from bench.conductor.stage import Stage
 from bench.ecu.loading import DEFAULT_ECUS, load_class
@@ -25,18 +30,14 @@ from bench.errors import BadInput, RunFailed
 from bench.events import RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
-from bench.scenario import Scenario
 from platoon_fmu.build import default_fmu
 from platoon_fmu.errors import FmuError
 
+if TYPE_CHECKING:  # its imports take place while the processes start
+    from bench.conductor.recorder import Recorder
+
 READY_S = 60.0
 """Wall-clock time in s that the processes may take to start; only a machine in trouble needs more."""
-
-SILENCE_S = 10.0
-"""Wall-clock time in s without a frame after which a run has failed."""
-
-WITHOUT_WAIT_S = 120.0
-"""Wall-clock time in s that a run waits for the ECUs it is to go without, which somebody starts by hand."""
 
 GRACE_S = 1.0
 """Wall-clock time in s that processes have to stop before they are killed."""
@@ -73,36 +74,50 @@ class _Ending:
     reason: str = ""
 
 
-def run(
-    scenario: Scenario,
-    *,
-    address: Address,
-    out: Path,
-    command_line: Sequence[str],
-    on_progress: Callable[[float], None] | None = None,
-    ecus: Mapping[str, str] = DEFAULT_ECUS,
-    without: Collection[str] = (),
-    without_wait_s: float = WITHOUT_WAIT_S,
-    on_waiting: Callable[[str], None] | None = None,
-    fmu: Path | None = None,
-    silence_s: float = SILENCE_S,
-    realtime: bool = False,
-) -> RunResult:
-    """Run a scenario and log it.
+@dataclass
+class _Started:
+    """A run whose processes are starting and whose log has begun.
 
-    Args:
-        scenario: what to run.
-        address: where the buses are; `direct` keeps everything in this process.
-        out: the log to write; it must not exist.
-        command_line: how the run was called, for the log.
-        on_progress: called now and then with the simulated time in s.
-        ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
-        without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
-        without_wait_s: wall-clock time in s that the run waits for them.
-        on_waiting: called with a line for a person before the run waits for them.
-        fmu: the vehicle; None for `platoon_fmu.build.default_fmu`.
-        silence_s: wall-clock time in s without a frame after which the run has failed.
-        realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
+    Attributes:
+        options: what it is asked to be.
+        address: where its buses are, settled.
+        free: the slots of the ECUs that somebody starts by hand.
+        waiting: watches for those ECUs.
+        links: the conductor's ends of the buses.
+        conductor: conducts it.
+        crew: does the work.
+        recorder: writes the log.
+        startup_s: see `RunResult`; 0 until the first cycle.
+        frames_lost: see `RunResult`; 0 until the log is closed.
+    """
+
+    options: RunOptions
+    address: Address
+    free: Sequence[EcuSlot]
+    waiting: FreeSlots
+    links: Mapping[str, Link]
+    conductor: Conductor
+    crew: Crew
+    recorder: "Recorder"
+    startup_s: float = 0.0
+    frames_lost: int = 0
+
+    def result(self) -> RunResult:
+        """Return what the run says of itself."""
+        conductor = self.conductor
+        return RunResult(
+            path=self.options.out,
+            wall_s=conductor.wall_s,
+            startup_s=self.startup_s,
+            cycles=conductor.cycles,
+            frames_lost=self.frames_lost,
+            deadline_misses=conductor.misses,
+            scheduling=conductor.scheduling,
+        )
+
+
+def run(options: RunOptions) -> RunResult:
+    """Run a scenario and log it.
 
     Raises:
         BadInput: the log exists, a bus would be overloaded, the FMU is missing, an ECU cannot be loaded, a bus cannot
@@ -111,88 +126,149 @@ def run(
         Interrupted: SIGINT, SIGTERM or SIGHUP came; the log likewise.
     """
     called = time.perf_counter()
-    if out.exists():
-        raise BadInput(f"the log {out} exists; give another file with --out, or remove it")
-    fmu = fmu or _built_fmu()
-    vehicles = len(scenario.vehicles)
-    free = free_slots(without, vehicles, address)
-    refuse_outages(scenario.faults, without)
-    _check_ecus(ecus)
-    if realtime and address.hub is not None:
-        raise BadInput("--clock realtime: with --can direct all is in one process; take --can udp, vcan, IFACE:CHANNEL")
+    free, fmu = _checked(options)
     with ExitStack() as stack:
-        settled = stack.enter_context(settle(address, vehicles))
-        codecs = load_codecs(vehicles)
-        late = check_load(codecs, vehicles)
-        board = FaultBoard.create()
-        stack.callback(os.close, board)
-        plan = FaultPlan(scenario.faults, scenario.seed, FaultBoard(board))
-        stage = Stage(scenario, settled, codecs, fmu, read_description(fmu), ecus, without, plan, board, realtime)
-        links = {bus: stack.enter_context(open_link(bus, settled)) for bus in codecs}
-        interrupts = stack.enter_context(Interrupts())
-        stack.enter_context(as_batch_work())
-        desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, out, without))
-        waiting = FreeSlots(free, codecs, vehicles)
-        go_on = scenario.on_ecu_failure == "continue"
-        conductor = Realtime if realtime else Lockstep
-        conducted: Conductor = conductor(Means(links, codecs, vehicles, silence_s, desk, waiting, go_on))
-        crew = stage.crew(links, conducted, interrupts, stack)
-        # Not at the top: so these imports take place while the processes start.
-        from bench.bus.wire.timing import BusTimeline
-        from bench.conductor.process_watch import ProcessWatch
-        from bench.conductor.recorder import open_recorder
-
-        timeline = BusTimeline(codecs, crew.inputs, realtime=realtime)
-        recorder = open_recorder(out, stage, command_line, timeline, ProcessWatch(lambda: crew.pids))
-        for warning in late:
-            recorder.event(0, warning)
-        startup_s = 0.0
-        ending = _Ending("failed", "the conductor failed")
-        try:
-            crew.wait_ready(READY_S)
-            if free and on_waiting is not None:
-                there = "; ".join(described(slot, settled) for slot in free)
-                on_waiting(f"waiting for {there} (at most {without_wait_s:g} s) ...")
-            waiting.wait(crew, without_wait_s)
-            startup_s = time.perf_counter() - called
-            # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
-            gc.freeze()
-            conducted.run(crew, recorder, scenario.cycles, on_progress)
-            problems = crew.stop(GRACE_S)
-            ending = _Ending("failed", "\n".join(problems)) if problems else _Ending("completed")
-        except Interrupted as error:
-            ending = _Ending("interrupted", str(error))
-        except RunFailed as error:
-            ending = _Ending("failed", str(error))
-        finally:
-            gc.unfreeze()
-            if ending.status != "completed":
-                with suppress(LinkError):
-                    # It may be a bus that has gone down; then the others' nodes are told, and the rest is killed.
-                    conducted.stop()
-                crew.stop(GRACE_S / 2)
-                conducted.record_rest(recorder)
-                recorder.event(conducted.cycle, RunEnded(ending.status, ending.reason))
-            lost = recorder.frames_lost() + sum(link.frames_lost() for link in links.values())
-            recorder.close(
-                {
-                    "status": ending.status,
-                    "reason": ending.reason,
-                    "wall_s": f"{conducted.wall_s:.6f}",
-                    "startup_s": f"{startup_s:.6f}",
-                    "recorder_cpu_s": f"{recorder.cpu_s:.6f}",
-                    "cycles": str(conducted.cycles),
-                    "frames_lost": str(lost),
-                    "e2e_errors": str(recorder.e2e_errors()),
-                }
-            )
+        started = _start(options, free, fmu, stack)
+        ending = _conduct(started, called)
     if ending.status == "completed":
-        timing = conducted.misses, conducted.scheduling
-        return RunResult(out, conducted.wall_s, startup_s, conducted.cycles, lost, *timing)
-    there = f"The log up to there is {out}"
+        return started.result()
+    there = f"The log up to there is {options.out}"
     if ending.status == "interrupted":
         raise Interrupted(f"The run was {ending.reason}\n{there}")
     raise RunFailed(f"The run has failed: {ending.reason}\n{there}")
+
+
+def _checked(options: RunOptions) -> tuple[list[EcuSlot], Path]:
+    """Return the slots that are left free and the FMU, where nothing speaks against the run.
+
+    Raises:
+        BadInput: something does.
+    """
+    if options.out.exists():
+        raise BadInput(f"the log {options.out} exists; give another file with --out, or remove it")
+    fmu = options.fmu or _built_fmu()
+    free = free_slots(options.without, options.vehicles, options.address)
+    refuse_outages(options.scenario.faults, options.without)
+    _check_ecus(options.ecus)
+    if options.realtime and options.address.hub is not None:
+        raise BadInput("--clock realtime: with --can direct all is in one process; take --can udp, vcan, IFACE:CHANNEL")
+    return free, fmu
+
+
+def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitStack) -> _Started:
+    """Open the buses, start plant and ECUs and begin the log; `stack` sees to the end of all but the log.
+
+    Raises:
+        BadInput: a bus would be overloaded or cannot be opened, or the FMU cannot be read.
+        RunFailed: the log cannot be written.
+    """
+    scenario, vehicles = options.scenario, options.vehicles
+    address = stack.enter_context(settle(options.address, vehicles))
+    codecs = load_codecs(vehicles)
+    late = check_load(codecs, vehicles)
+    board = FaultBoard.create()
+    stack.callback(os.close, board)
+    plan = FaultPlan(scenario.faults, scenario.seed, FaultBoard(board))
+    stage = Stage(options, address, codecs, fmu, read_description(fmu), plan, board)
+    links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
+    interrupts = stack.enter_context(Interrupts())
+    stack.enter_context(as_batch_work())
+    desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, options.out, options.without))
+    waiting = FreeSlots(free, codecs, vehicles)
+    go_on = scenario.on_ecu_failure == "continue"
+    means = Means(links, codecs, vehicles, options.silence_s, desk, waiting, go_on)
+    conductor: Conductor = Realtime(means) if options.realtime else Lockstep(means)
+    crew = stage.crew(links, conductor, interrupts, stack)
+    recorder = _recorder(stage, crew)
+    for warning in late:
+        recorder.event(0, warning)
+    return _Started(options, address, free, waiting, links, conductor, crew, recorder)
+
+
+def _recorder(stage: Stage, crew: Crew) -> "Recorder":
+    # Not at the top: so these imports take place while the processes start.
+    from bench.bus.wire.timing import BusTimeline
+    from bench.conductor.process_watch import ProcessWatch
+    from bench.conductor.recorder import open_recorder
+
+    timeline = BusTimeline(stage.codecs, crew.inputs, realtime=stage.options.realtime)
+    return open_recorder(stage, timeline, ProcessWatch(lambda: crew.pids))
+
+
+def _conduct(started: _Started, called: float) -> _Ending:
+    """Conduct a run from its first cycle to its last, close its log, and return how it ended.
+
+    Args:
+        started: the run.
+        called: time (`time.perf_counter`, s) that `startup_s` is counted from.
+    """
+    options, conductor, crew = started.options, started.conductor, started.crew
+    ending = _Ending("failed", "the conductor failed")
+    try:
+        _wait(started)
+        started.startup_s = time.perf_counter() - called
+        # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
+        gc.freeze()
+        conductor.run(crew, started.recorder, options.scenario.cycles, options.on_progress)
+        problems = crew.stop(GRACE_S)
+        ending = _Ending("failed", "\n".join(problems)) if problems else _Ending("completed")
+    except Interrupted as error:
+        ending = _Ending("interrupted", str(error))
+    except RunFailed as error:
+        ending = _Ending("failed", str(error))
+    finally:
+        gc.unfreeze()
+        if ending.status != "completed":
+            _break_off(started, ending)
+        _close_log(started, ending)
+    return ending
+
+
+def _wait(started: _Started) -> None:
+    """Wait for all processes, then for the ECUs that somebody starts by hand.
+
+    Raises:
+        RunFailed: not all came, or one ended.
+        Interrupted: a signal has come.
+    """
+    options = started.options
+    started.crew.wait_ready(READY_S)
+    if started.free and options.on_waiting is not None:
+        there = "; ".join(described(slot, started.address) for slot in started.free)
+        options.on_waiting(f"waiting for {there} (at most {options.without_wait_s:g} s) ...")
+    started.waiting.wait(started.crew, options.without_wait_s)
+
+
+def _break_off(started: _Started, ending: _Ending) -> None:
+    """End a run that is not complete, and record what there is of it.
+
+    Raises:
+        RunFailed: the log cannot be written.
+    """
+    conductor, recorder = started.conductor, started.recorder
+    with suppress(LinkError):
+        # It may be a bus that has gone down; then the others' nodes are told, and the rest is killed.
+        conductor.stop()
+    started.crew.stop(GRACE_S / 2)
+    conductor.record_rest(recorder)
+    recorder.event(conductor.cycle, RunEnded(ending.status, ending.reason))
+
+
+def _close_log(started: _Started, ending: _Ending) -> None:
+    conductor, recorder = started.conductor, started.recorder
+    started.frames_lost = recorder.frames_lost() + sum(link.frames_lost() for link in started.links.values())
+    recorder.close(
+        {
+            "status": ending.status,
+            "reason": ending.reason,
+            "wall_s": f"{conductor.wall_s:.6f}",
+            "startup_s": f"{started.startup_s:.6f}",
+            "recorder_cpu_s": f"{recorder.cpu_s:.6f}",
+            "cycles": str(conductor.cycles),
+            "frames_lost": str(started.frames_lost),
+            "e2e_errors": str(recorder.e2e_errors()),
+        }
+    )
 
 
 def _check_ecus(ecus: Mapping[str, str]) -> None:

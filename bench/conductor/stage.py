@@ -5,7 +5,7 @@ import shlex
 import socket
 import subprocess
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,11 +24,11 @@ from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew, Maker
 from bench.conductor.interrupts import Interrupts
+from bench.conductor.options import RunOptions
 from bench.ecu.loading import load_classes, make_node
 from bench.faults.plan import FaultPlan
 from bench.names import PLANT
 from bench.plant.description import FmuDescription
-from bench.scenario import Scenario
 
 BY_HAND = "started by hand"
 """What the log has for the class of an ECU that the bench did not start."""
@@ -39,36 +39,30 @@ _PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "can
 
 @dataclass(frozen=True)
 class Stage:
-    """All that a run is given.
+    """What a run is set up from.
 
     Attributes:
-        scenario: what to run.
+        options: what it is asked to be.
         address: where the buses are, settled.
         codecs: codec of every bus.
         fmu: the vehicle's FMU file.
         description: its modelDescription.
-        ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
-        without: names of ECUs that are not to be started.
         plan: the faults of the run.
         board: file descriptor of the fault board, which `plan` reads.
-        realtime: whether the wall clock paces the cycles.
     """
 
-    scenario: Scenario
+    options: RunOptions
     address: Address
     codecs: Mapping[str, Codec]
     fmu: Path
     description: FmuDescription
-    ecus: Mapping[str, str]
-    without: Collection[str]
     plan: FaultPlan
     board: int
-    realtime: bool = False
 
     @property
     def vehicles(self) -> int:
         """Number of vehicles."""
-        return len(self.scenario.vehicles)
+        return self.options.vehicles
 
     def crew(self, links: Mapping[str, Link], listener: Listener, interrupts: Interrupts, stack: ExitStack) -> Crew:
         """Start plant and ECUs; `stack` sees to their end.
@@ -78,52 +72,60 @@ class Stage:
             RunFailed: in one process: the FMU cannot be loaded.
         """
         if self.address.hub is None:
-            crew = ProcessCrew(self._members(), tuple(self.ecus.values()), links, listener, interrupts, self.board)
+            crew = ProcessCrew(
+                self._members(), tuple(self.options.ecus.values()), links, listener, interrupts, self.board
+            )
             return stack.enter_context(crew)
         names = [slot.name for slot in self._slots()]
         return DirectCrew(self._plant(listener, stack), names, self._maker(stack), links, listener, interrupts)
 
-    def metadata(self, command_line: Sequence[str]) -> dict[str, str]:
+    def metadata(self) -> dict[str, str]:
         """What the log says of the run before it begins."""
         return {
-            "scenario": self.scenario.name,
-            "seed": str(self.scenario.seed),
-            "duration_s": f"{self.scenario.duration_s:g}",
+            "scenario": self.options.scenario.name,
+            "seed": str(self.options.scenario.seed),
+            "duration_s": f"{self.options.scenario.duration_s:g}",
             "buses": str(self.address),
-            "clock": "realtime" if self.realtime else "lockstep",
-            "command_line": shlex.join(command_line),
+            "clock": "realtime" if self.options.realtime else "lockstep",
+            "command_line": shlex.join(self.options.command_line),
             "commit": _commit(),
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "host": socket.gethostname(),
             "platform": platform.platform(),
             "python": sys.version.split()[0],
             "fmu_guid": self.description.guid,
-            **{f"ecu {role}": spec for role, spec in self.ecus.items()},
-            **{f"ecu {name}": BY_HAND for name in self.without},
+            **{f"ecu {role}": spec for role, spec in self.options.ecus.items()},
+            **{f"ecu {name}": BY_HAND for name in self.options.without},
             **{f"version {name}": _version(name) for name in _PACKAGES},
         }
 
-    def attachments(self, command_line: Sequence[str]) -> dict[str, bytes]:
+    def attachments(self) -> dict[str, bytes]:
         """The files that the log carries along, beside the DBC files."""
         return {
-            "command_line.txt": f"{shlex.join(command_line)}\n".encode(),
-            "scenario.toml": self.scenario.toml().encode(),
+            "command_line.txt": f"{shlex.join(self.options.command_line)}\n".encode(),
+            "scenario.toml": self.options.scenario.toml().encode(),
             "modelDescription.xml": self.description.xml,
         }
 
     def _slots(self) -> list[EcuSlot]:
-        return [EcuSlot(role, vehicle) for role in self.ecus for vehicle in range(1, self.vehicles + 1)]
+        return [EcuSlot(role, vehicle) for role in self.options.ecus for vehicle in range(1, self.vehicles + 1)]
 
     def _members(self) -> list[Member]:
-        plant = Member(PLANT, "bench.plant.main:serve_plant", (self.scenario, self.fmu, self.address), early=True)
+        plant = Member(
+            PLANT, "bench.plant.main:serve_plant", (self.options.scenario, self.fmu, self.address), early=True
+        )
         ecus = [
-            Member(slot.name, "bench.ecu.main:serve_ecu", (self.ecus[slot.role], slot, self.scenario, self.address))
+            Member(
+                slot.name,
+                "bench.ecu.main:serve_ecu",
+                (self.options.ecus[slot.role], slot, self.options.scenario, self.address),
+            )
             for slot in self._slots()
-            if slot.name not in self.without
+            if slot.name not in self.options.without
         ]
-        if not self.realtime:
+        if not self.options.realtime:
             return [plant, *ecus]
-        arguments = (self.vehicles, self.scenario.cycles, self.address)
+        arguments = (self.vehicles, self.options.scenario.cycles, self.address)
         return [plant, *ecus, Member(CLOCK, "bench.conductor.clock:serve_clock", arguments, on_call=True)]
 
     def _plant(self, listener: Listener, stack: ExitStack) -> list[Node]:
@@ -136,16 +138,18 @@ class Stage:
         def link(bus: str) -> Link:
             return open_link(bus, self.address)
 
-        return [*make_nodes(self.scenario, self.fmu, link, self.codecs, truth, stack, self.plan)]
+        return [*make_nodes(self.options.scenario, self.fmu, link, self.codecs, truth, stack, self.plan)]
 
     def _maker(self, stack: ExitStack) -> Maker:
-        load_classes(self.ecus.values())
+        load_classes(self.options.ecus.values())
         slots = {slot.name: slot for slot in self._slots()}
 
         def make(name: str) -> tuple[Node, tuple[Topic, ...]]:
             slot = slots[name]
             links = {bus: stack.enter_context(open_link(bus, self.address)) for bus in slot.buses}
-            node, ecu = make_node(self.ecus[slot.role], slot, self.scenario, links, self.codecs, self.plan)
+            node, ecu = make_node(
+                self.options.ecus[slot.role], slot, self.options.scenario, links, self.codecs, self.plan
+            )
             return node, tuple(ecu.inputs)
 
         return make

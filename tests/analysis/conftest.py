@@ -7,6 +7,7 @@ import pytest
 
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.cycle import CYCLE_S
 from bench.record import Run, RunWriter
@@ -98,7 +99,11 @@ def formation_log(tmp_path_factory):
     """The log of a real run of the shipped scenario `formation`, its first 6 s, all in one process."""
     path = tmp_path_factory.mktemp("formation") / "run.mcap"
     address = Address.parse("direct")
-    run(load("formation", ["duration_s=6.0"]), address=address, out=path, command_line=["test"], on_progress=None)
+    run(
+        RunOptions(
+            load("formation", ["duration_s=6.0"]), address=address, out=path, command_line=["test"], on_progress=None
+        )
+    )
     return path
 
 

@@ -25,6 +25,7 @@ from bench.conductor.cycle import frames_due
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots
 from bench.conductor.interrupts import Interrupts
+from bench.conductor.options import RunOptions
 from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.realtime import Realtime
 from bench.conductor.recorder import Recorder
@@ -281,7 +282,11 @@ def test_where_nobody_is_late_the_frames_are_those_of_lockstep(tmp_path: Path, m
     vehicles, fmu = len(scenario.vehicles), default_fmu()
     codecs = load_codecs(vehicles)
     lockstep = Run(
-        run(scenario, address=Address.parse("direct"), out=tmp_path / "a.mcap", command_line=["test"], ecus=SIMPLE).path
+        run(
+            RunOptions(
+                scenario, address=Address.parse("direct"), out=tmp_path / "a.mcap", command_line=["test"], ecus=SIMPLE
+            )
+        ).path
     )
     for spec in SIMPLE.values():
         monkeypatch.setattr(load_class(spec), "input_wait_s", math.inf, raising=False)
@@ -291,7 +296,8 @@ def test_where_nobody_is_late_the_frames_are_those_of_lockstep(tmp_path: Path, m
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
         board = FaultBoard.create()
         stack.callback(os.close, board)
-        stage = Stage(scenario, address, codecs, fmu, read_description(fmu), SIMPLE, (), FaultPlan(), board)
+        options = RunOptions(scenario, address, tmp_path / "b.mcap", ["test"], SIMPLE)
+        stage = Stage(options, address, codecs, fmu, read_description(fmu), FaultPlan(), board)
         crew = stage.crew(links, heard, stack.enter_context(Interrupts()), stack)
         for heard.cycle in range(scenario.cycles):
             values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": heard.cycle, "Time": heard.cycle / 100}

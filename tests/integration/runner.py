@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BenchError
 from bench.scenario import load
@@ -17,17 +18,19 @@ def main() -> int:
         resource.setrlimit(resource.RLIMIT_FSIZE, (given["file_limit"], given["file_limit"]))
     try:
         result = run(
-            load("formation", given["set"]),
-            address=Address.parse(given["can"]),
-            out=Path(given["out"]),
-            command_line=sys.argv,
-            on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
-            ecus=given["ecus"],
-            without=given["without"],
-            without_wait_s=given["without_wait_s"],
-            on_waiting=lambda line: print(line, flush=True),  # noqa: T201 - the tests wait for it,
-            silence_s=given["silence_s"],
-            realtime=given["realtime"],
+            RunOptions(
+                load("formation", given["set"]),
+                address=Address.parse(given["can"]),
+                out=Path(given["out"]),
+                command_line=sys.argv,
+                on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
+                ecus=given["ecus"],
+                without=given["without"],
+                without_wait_s=given["without_wait_s"],
+                on_waiting=lambda line: print(line, flush=True),  # noqa: T201 - the tests wait for it,
+                silence_s=given["silence_s"],
+                realtime=given["realtime"],
+            )
         )
     except BenchError as error:
         sys.stderr.write(f"{error}\n")

@@ -21,6 +21,7 @@ import numpy as np
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
 from bench.bus.states import Cause
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.scenario import load
@@ -158,7 +159,7 @@ def examine(case: Case, duration_s: float = 10.0) -> Outcome:
         warnings.simplefilter("ignore")
         out = Path(folder) / "run.mcap"
         scenario = load("formation", [f"faults=[{case.fault}]", f"duration_s={duration_s}"])
-        run(scenario, address=Address.parse("direct"), out=out, command_line=["single_faults"])
+        run(RunOptions(scenario, address=Address.parse("direct"), out=out, command_line=["single_faults"]))
         recorded = Run(out)
         truth = [recorded.truth(number) for number in VEHICLES]
         apart = np.stack([np.hypot(a["X"] - b["X"], a["Y"] - b["Y"]) for a, b in combinations(truth, 2)]).min(axis=0)

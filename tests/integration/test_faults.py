@@ -10,6 +10,7 @@ import pytest
 
 from bench.bus.link.address import Address
 from bench.conductor.fault_desk import ask, running
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BadInput
 from bench.events import EcuFailed, FaultBegins, FaultEnds, FaultRequested
@@ -48,7 +49,7 @@ EVERY_KIND = [
 
 def log(out: Path, can: str, *overrides: str) -> Run:
     scenario = load("formation", ["duration_s=0.6", *overrides])
-    result = run(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=SIMPLE)
+    result = run(RunOptions(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=SIMPLE))
     assert result.frames_lost == 0
     return Run(result.path)
 

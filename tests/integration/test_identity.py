@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.ecu.loading import DEFAULT_ECUS
 from bench.record.compare import diff
@@ -18,7 +19,7 @@ SIMPLE = {"planner": f"{SIMPLE_FILE}:CruisePlanner", "tracker": f"{SIMPLE_FILE}:
 
 def log(out: Path, can: str, ecus: Any, *overrides: str) -> Path:
     scenario = load("formation", list(overrides))
-    result = run(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=ecus)
+    result = run(RunOptions(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=ecus))
     assert result.cycles == scenario.cycles
     assert result.frames_lost == 0
     return result.path

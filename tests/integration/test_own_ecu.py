@@ -14,6 +14,7 @@ from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
 from bench.bus.link.opening import settle
 from bench.bus.states import ActuatorState, EcuState
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.ecu.loading import DEFAULT_ECUS
 from bench.errors import BadInput
@@ -53,7 +54,9 @@ def begin() -> Iterator[Start]:
 
 
 def log(out: Path, ecus: dict[str, str], *overrides: str, can: str = "direct") -> Path:
-    return run(load("formation", overrides), address=Address.parse(can), out=out, command_line=["test"], ecus=ecus).path
+    return run(
+        RunOptions(load("formation", overrides), address=Address.parse(can), out=out, command_line=["test"], ecus=ecus)
+    ).path
 
 
 def state(recorded: Run, bus: str, role: str = "Tracker") -> list[int]:

@@ -11,6 +11,7 @@ from bench.bus import codec
 from bench.bus.codec import DBC_DIR
 from bench.bus.link.address import Address
 from bench.bus.states import ActuatorState, BenchCommand
+from bench.conductor.options import RunOptions
 from bench.conductor.run import RunResult, run
 from bench.errors import BadInput
 from bench.events import Scheduling
@@ -27,7 +28,9 @@ def realtime(out: Path, *overrides: str, can: str = "udp", faults: str = "") -> 
         text = scenario.toml().replace("faults = []", "") + faults
         out.with_suffix(".toml").write_text(text)
         scenario = load(str(out.with_suffix(".toml")))
-    result = run(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=SIMPLE, realtime=True)
+    result = run(
+        RunOptions(scenario, address=Address.parse(can), out=out, command_line=["test"], ecus=SIMPLE, realtime=True)
+    )
     return result, Run(result.path)
 
 
@@ -103,5 +106,5 @@ def test_a_bus_that_would_be_overloaded_is_refused_before_anything_starts(tmp_pa
     monkeypatch.setattr(codec, "DBC_DIR", tmp_path)
     out = tmp_path / "run.mcap"
     with pytest.raises(BadInput, match=r"bus veh1 to veh3: overloaded: .* of 125 kbit/s.* set Baudrate to 500000"):
-        run(load("formation"), address=Address.parse("direct"), out=out, command_line=[])
+        run(RunOptions(load("formation"), address=Address.parse("direct"), out=out, command_line=[]))
     assert not out.exists()

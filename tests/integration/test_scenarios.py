@@ -7,6 +7,7 @@ import pytest
 
 from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.compare import diff
 from bench.record.reader import Run
@@ -16,7 +17,7 @@ from bench.scenario import load, shipped
 def recorded(folder: Path, name: str, *overrides: str, can: str = "direct") -> Run:
     """The log of a run of a scenario."""
     out = folder / f"{name}-{can}-{len(list(folder.iterdir()))}.mcap"
-    run(load(name, overrides), address=Address.parse(can), out=out, command_line=[name, *overrides])
+    run(RunOptions(load(name, overrides), address=Address.parse(can), out=out, command_line=[name, *overrides]))
     return Run(out)
 
 

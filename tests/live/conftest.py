@@ -14,6 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.scenario import load
 
@@ -28,7 +29,15 @@ SIMPLE = {
 def whole_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The log of a real run of three vehicles, 4 s, all in one process."""
     path = tmp_path_factory.mktemp("live") / "run.mcap"
-    run(load("formation", ["duration_s=4.0"]), address=Address.parse("direct"), out=path, command_line=[], ecus=SIMPLE)
+    run(
+        RunOptions(
+            load("formation", ["duration_s=4.0"]),
+            address=Address.parse("direct"),
+            out=path,
+            command_line=[],
+            ecus=SIMPLE,
+        )
+    )
     return path
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.cycle import CYCLE_NS
 from bench.events import ProcessOutput
@@ -88,7 +89,7 @@ def real_log(tmp_path_factory):
     """The log of a real run of three vehicles, 1 s long."""
     path = tmp_path_factory.mktemp("real") / "formation.mcap"
     scenario = load("formation", ["duration_s=1.0"])
-    run(scenario, address=Address.parse("direct"), out=path, command_line=["test"])
+    run(RunOptions(scenario, address=Address.parse("direct"), out=path, command_line=["test"]))
     return path
 
 

@@ -30,6 +30,7 @@ from typer.main import get_command
 
 from bench.bus.link.address import Address
 from bench.cli.main import app
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BenchError
 from bench.mcap.container import MAGIC
@@ -69,7 +70,9 @@ def make_log(path: Path, duration_s: float, seed: int) -> Path:
     """Run one vehicle for a moment, with simple ECUs, in one process."""
     scenario = load("formation", [f"duration_s={duration_s}"], seed)
     scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[:1]})
-    return run(scenario, address=Address.parse("direct"), out=path, command_line=["damage"], ecus=_ECUS).path
+    return run(
+        RunOptions(scenario, address=Address.parse("direct"), out=path, command_line=["damage"], ecus=_ECUS)
+    ).path
 
 
 def records(data: bytes) -> Iterator[tuple[int, int, int]]:

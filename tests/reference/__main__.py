@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.scenario import Scenario, load
@@ -42,7 +43,7 @@ def make(scenario: Scenario, out: Path) -> None:
     """Run a scenario and write its log, cut down, to `out`."""
     with tempfile.TemporaryDirectory(prefix="platoon-") as folder:
         whole = Path(folder) / "run.mcap"
-        run(scenario, address=Address.parse("direct"), out=whole, command_line=["tests.reference"])
+        run(RunOptions(scenario, address=Address.parse("direct"), out=whole, command_line=["tests.reference"]))
         cut_down(Run(whole), out)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from bench.bus.link.address import Address
 from bench.conductor.fault_desk import ask
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.reader import Run
 from bench.resim.history import read_history
@@ -33,7 +34,7 @@ def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
     scenario = load(
         "formation", ["duration_s=0.6", "vehicles=[{x_m=8,y_m=0,speed_mps=20},{x_m=0,y_m=3.5,speed_mps=22}]"]
     )
-    run(scenario, address=Address.parse("direct"), out=out, command_line=["test"], on_progress=on_progress)
+    run(RunOptions(scenario, address=Address.parse("direct"), out=out, command_line=["test"], on_progress=on_progress))
     person.join()
     history = read_history(Run(out))
     assert [fault.model_dump(mode="json") for fault in history.faults] == [answer["fault"] for answer in answers]

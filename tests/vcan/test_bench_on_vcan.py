@@ -16,6 +16,7 @@ from bench.bus.link.address import Address
 from bench.bus.link.kernel_links import lack_of_can
 from bench.bus.link.opening import open_link
 from bench.cli.main import app
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.ecu.loading import DEFAULT_ECUS
 from bench.errors import RunFailed
@@ -36,13 +37,15 @@ needs_can_utils = pytest.mark.skipif(shutil.which("candump") is None, reason="ca
 
 def log(out: Path, can: str, *overrides: str, ecus: dict[str, str] = SIMPLE, realtime: bool = False) -> Run:
     result = run(
-        load("formation", list(overrides)),
-        address=Address.parse(can),
-        out=out,
-        command_line=["test"],
-        ecus=ecus,
-        silence_s=PATIENCE_S,
-        realtime=realtime,
+        RunOptions(
+            load("formation", list(overrides)),
+            address=Address.parse(can),
+            out=out,
+            command_line=["test"],
+            ecus=ecus,
+            silence_s=PATIENCE_S,
+            realtime=realtime,
+        )
     )
     assert result.frames_lost == 0
     return Run(result.path)
@@ -163,7 +166,11 @@ def test_a_link_that_goes_down_ends_the_run(tmp_path: Path) -> None:
     scenario, address = load("formation", ["duration_s=60.0"]), Address.parse("vcan")
     try:
         with pytest.raises(RunFailed, match=r"bus veh3: .* down"):
-            run(scenario, address=address, out=tmp_path / "a.mcap", command_line=[], on_progress=pull, ecus=SIMPLE)
+            run(
+                RunOptions(
+                    scenario, address=address, out=tmp_path / "a.mcap", command_line=[], on_progress=pull, ecus=SIMPLE
+                )
+            )
     finally:
         subprocess.run(["ip", "link", "set", "vcan3", "up"], check=True)
     assert Run(tmp_path / "a.mcap").result["status"] == "failed"
