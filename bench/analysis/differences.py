@@ -34,8 +34,7 @@ def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[lis
     for signal in signals[:MAX_SIGNALS]:
         of_a, of_b = (_values(run, signal) for run in (a, b))
         curves = [_curve(pool, signal, letter, *of) for letter, of in (("A", of_a), ("B", of_b))]
-        most = f"by at most {signal.largest:.6g} {signal.unit}".rstrip()
-        caption = f"From {signal.first_s:.3f} s on; {signal.count} values differ, {most}."
+        caption = f"From {signal.first_s:.3f} s on; {signal.count} values differ, {signal.at_most}."
         if signal is signals[0] and len(signals) > MAX_SIGNALS:
             caption += f" {len(signals)} signals differ; the {MAX_SIGNALS} that begin first are drawn, "
             caption += "and platoon diff lists all."

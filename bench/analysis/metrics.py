@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis.boundary import margin
 from bench.analysis.motion import Array, Motion, motion, told
-from bench.analysis.step_times import percentiles, step_times_ms
+from bench.analysis.step_times import step_times_ms
 from bench.control.outcome import GainSource, SolverStatus
 from bench.cycle import CYCLE_S
 from bench.record import Run
@@ -105,9 +105,9 @@ def compute(run: Run) -> Metrics:
         boundary_margin_min=float(margin(truth.gamma, truth.v_x, truth.mu).min()),
         speed_rmse_mps=[_rmse(run, vehicle, truth.t, values, "VelocityX") for vehicle, values in _each(truth.v_x)],
         yaw_rate_rmse_radps=[_rmse(run, vehicle, truth.t, values, "YawRate") for vehicle, values in _each(truth.gamma)],
-        solver_ms=percentiles(step_times_ms(run, "TrackerTiming", "SolveTime")),
-        tracker_ms=percentiles(step_times_ms(run, "TrackerTiming", "StepTime")),
-        planner_ms=percentiles(step_times_ms(run, "PlannerTiming", "StepTime")),
+        solver_ms=step_times_ms(run, "TrackerTiming", "SolveTime"),
+        tracker_ms=step_times_ms(run, "TrackerTiming", "StepTime"),
+        planner_ms=step_times_ms(run, "PlannerTiming", "StepTime"),
         fallback_steps=fallback_steps(run),
         frames_lost=max(_last_sum(run, "FramesLost"), int(_number(run.result.get("frames_lost")) or 0)),
         e2e_errors=max(_last_sum(run, "E2EErrors"), int(_number(run.result.get("e2e_errors")) or 0)),

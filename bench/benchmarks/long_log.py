@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.mcap.container import MESSAGE, McapFile
+from bench.mcap.gathering import scatter
 from bench.mcap.scan import ScannedFile, message_heads
 
 _TIMES = ("log_time", "publish_time")
@@ -64,8 +65,7 @@ class _Chunk:
 
     def write(self, log: McapFile, later_ns: int) -> None:
         time = self._time + later_ns
-        values = time.astype("<u8").view(np.uint8).reshape(-1, 8)
         for name in _TIMES:
             place = int(MESSAGE.fields[name][1])  # type: ignore[index]
-            self._records[self._offset[:, None] + (place + np.arange(8))] = values
+            scatter(self._records, self._offset + place, time.astype("<u8"))
         log.add_chunk(self._records.data, self._channel, time, self._offset)

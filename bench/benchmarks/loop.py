@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from bench.analysis.metrics import Metrics, compute
-from bench.analysis.step_times import median_and_p99, percentiles, step_times_ms
+from bench.analysis.step_times import median_and_p99, step_times_ms
 from bench.analysis.timing import timing as keeping
 from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
@@ -83,7 +83,7 @@ def timing(runs: Sequence[Run]) -> Table:
 
 
 def _percentiles(recorded: Run, message: str, signal: str) -> str:
-    return median_and_p99(percentiles(step_times_ms(recorded, message, signal))) or "-"
+    return median_and_p99(step_times_ms(recorded, message, signal)) or "-"
 
 
 def deadlines(recorded: Run) -> Table:

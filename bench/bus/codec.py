@@ -94,8 +94,10 @@ class _Layout(NamedTuple):
     encoded_floats: tuple[_Encoded, ...]
     bits: tuple[SignalBits, ...]
     """Of all signals, in the DBC's order."""
-    integers: tuple[SignalBits, ...]
-    floats: tuple[SignalBits, ...]
+    integers: tuple[tuple[str, int, int, int, float, float], ...]
+    """Of those that are no floats, `bits` up to `offset`: plain tuples, as these are unpacked for every frame."""
+    floats: tuple[tuple[str, int, int], ...]
+    """Of the floats, `bits` up to `mask`."""
 
 
 _FLOAT32 = struct.Struct("<f")
@@ -223,9 +225,9 @@ class Codec:
         word = int.from_bytes(data, "little")
         values = {
             signal: ((word >> shift & mask ^ sign) - sign) * scale + offset
-            for signal, shift, mask, sign, scale, offset, _ in layout.integers
+            for signal, shift, mask, sign, scale, offset in layout.integers
         }
-        for signal, shift, mask, *_ in layout.floats:
+        for signal, shift, mask in layout.floats:
             values[signal] = _FLOAT32.unpack((word >> shift & mask).to_bytes(4, "little"))[0]
         return layout.name, values
 
@@ -283,6 +285,11 @@ class Codec:
             EncodeError: the DBC has no such message.
         """
         return self._layout_of(name).can_id
+
+    def name_of(self, can_id: int) -> str | None:
+        """Return the name of the message of this identifier, None where the DBC has none."""
+        layout = self._by_id.get(can_id)
+        return layout.name if layout else None
 
     def data_id(self, name: str) -> int:
         """Return the E2E data id of the message `name`, 0 for one that is not protected.
@@ -409,8 +416,8 @@ def _layout(message: Message) -> _Layout:
         encoded=tuple(_encoded(signal) for signal in payload if not signal.is_float),
         encoded_floats=tuple(_encoded(signal) for signal in payload if signal.is_float),
         bits=bits,
-        integers=tuple(each for each in bits if not each.is_float),
-        floats=tuple(each for each in bits if each.is_float),
+        integers=tuple((b.signal, b.shift, b.mask, b.sign, b.scale, b.offset) for b in bits if not b.is_float),
+        floats=tuple((b.signal, b.shift, b.mask) for b in bits if b.is_float),
     )
 
 

@@ -1,4 +1,4 @@
-"""Bytes from many places at once."""
+"""Bytes from and to many places at once."""
 
 from __future__ import annotations
 
@@ -14,6 +14,19 @@ def gathered(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], size: 
     Raises:
         IndexError: an offset is not so far before the end.
     """
-    # An element of this many bytes begins at each place; numpy copies them as wholes.
-    windows: npt.NDArray[Any] = np.ndarray((max(0, len(data) - size + 1),), f"V{size}", data, strides=(1,))
-    return windows[offsets].view(np.uint8).reshape(len(offsets), size)
+    return _windows(data, size)[offsets].view(np.uint8).reshape(len(offsets), size)
+
+
+def scatter(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], values: npt.NDArray[Any]) -> None:
+    """Write the bytes of values (n,) to `data`, each from its offset (n,) on.
+
+    Raises:
+        IndexError: an offset is not so far before the end.
+    """
+    size = values.dtype.itemsize
+    _windows(data, size)[offsets] = np.ascontiguousarray(values).view(f"V{size}")
+
+
+def _windows(data: npt.NDArray[np.uint8], size: int) -> npt.NDArray[Any]:
+    """Return an element of this many bytes for each place in `data`; numpy copies them as wholes."""
+    return np.ndarray((max(0, len(data) - size + 1),), f"V{size}", data, strides=(1,))

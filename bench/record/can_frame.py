@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2
 
+from bench.mcap.gathering import scatter
 from bench.record.layout import Field, Layout, file_descriptor_set, tag
 
 NAME = "platoon.CanFrame"
@@ -81,8 +82,7 @@ def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDAr
         ("response_time", np.minimum(frames["response"], LONGEST_RESPONSE_NS).astype("<u4")),
     )
     for name, values in columns:
-        width = values.dtype.itemsize
-        out[at[:, None] + (_HEAD.offset(name) + np.arange(width))] = values.view(np.uint8).reshape(-1, width)
+        scatter(out, at + _HEAD.offset(name), values)
     inside = np.arange(MAX_DATA) < frames["length"][:, None]
     out[(at[:, None] + (DATA_AT + np.arange(MAX_DATA)))[inside]] = frames["data"][inside]
 

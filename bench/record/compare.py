@@ -49,6 +49,11 @@ class SignalDifference:
     largest: float
     unit: str
 
+    @property
+    def at_most(self) -> str:
+        """By how much it differs, as text."""
+        return f"by at most {self.largest:.6g} {self.unit}".rstrip()
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -87,8 +92,7 @@ class Difference:
         if self.signals:
             lines.append(f"{len(self.signals)} signals differ:")
             lines += [
-                f"  {s.bus} {s.message}.{s.signal}: from {s.first_s:.3f} s, {s.count} values, "
-                f"by at most {s.largest:.6g} {s.unit}".rstrip()
+                f"  {s.bus} {s.message}.{s.signal}: from {s.first_s:.3f} s, {s.count} values, {s.at_most}"
                 for s in self.signals
             ]
         return "\n".join(lines)

@@ -35,6 +35,7 @@ from bench.errors import RunFailed
 from bench.events import Event
 from bench.mcap.chunking import ChunkGroups, Records
 from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
+from bench.mcap.gathering import scatter
 from bench.record import can_frame, dbc_files, foxglove, process_usage
 from bench.record import event as event_record
 from bench.record.layout import Field, Layout, file_descriptor_set
@@ -427,11 +428,8 @@ class RunWriter:
         _fill_headers(out, offset, size, channel, log_time, self._next_sequence(channel, order))
         can_frame.fill(out, offset[:n_frames] + MESSAGE.itemsize, frames)
         self._signal_places.fill(out, offset[n_frames : n_frames + n_known][signal_frame], signal, value)
-        rows = np.frombuffer(b"".join(row for _, _, row in truth), np.uint8).reshape(
-            n_truth, self._truth_places.size, 8
-        )
-        at = offset[n_frames + n_known : n_made, None] + self._truth_places
-        out[at[:, :, None] + np.arange(8)] = rows
+        rows = np.frombuffer(b"".join(row for _, _, row in truth), "<f8")
+        scatter(out, (offset[n_frames + n_known : n_made, None] + self._truth_places).reshape(-1), rows)
         for (_, _, payload), start in zip(others, offset[n_made:].tolist(), strict=True):
             out[start + MESSAGE.itemsize : start + MESSAGE.itemsize + len(payload)] = np.frombuffer(payload, np.uint8)
         return Records(out, channel[order], log_time[order], offset[order]), group[order]
@@ -526,9 +524,7 @@ class _SignalPlaces:
         for number, name in enumerate(self._types):
             chosen = np.flatnonzero(kind == number)
             if len(chosen):
-                data = value[chosen].astype(name)
-                width = data.dtype.itemsize
-                out[place[chosen, None] + np.arange(width)] = data.view(np.uint8).reshape(-1, width)
+                scatter(out, place[chosen], value[chosen].astype(name))
 
 
 def _messages(bus: str, codec: Codec) -> list[SignalMessage]:
@@ -556,7 +552,7 @@ def _fill_headers(
     header["length"] = size - 9
     header["channel"], header["sequence"] = channel, sequence & 0xFFFFFFFF
     header["log_time"] = header["publish_time"] = log_time
-    out[offset[:, None] + np.arange(MESSAGE.itemsize)] = header.view(np.uint8).reshape(-1, MESSAGE.itemsize)
+    scatter(out, offset, header)
 
 
 def _lanes(scenario: bytes) -> list[float]:

@@ -123,8 +123,7 @@ class Comparison:
 
     def name(self, bus: str, can_id: int) -> str:
         """Return the name of a message, its identifier where the DBC does not have it."""
-        codec = self.log.codecs[bus]
-        return next((name for name in codec.names if codec.can_id(name) == can_id), f"0x{can_id:03X}")
+        return self.log.codecs[bus].name_of(can_id) or f"0x{can_id:03X}"
 
     def decoded(self, bus: str, can_id: int, data: bytes) -> dict[str, float]:
         """Return the signals of a frame; none where it is not as the DBC has it."""

@@ -153,8 +153,7 @@ def _changed(frame: Frame, pairs: list[Pair]) -> Iterator[Frame]:
 def _truth(run: Run, vehicle: int, names: Sequence[str], writer: RunWriter) -> Iterator[_Writing]:
     columns = run.truth(vehicle)
     rows = np.column_stack([columns[name] for name in names])
-    for seconds, row in zip(columns["t"].tolist(), rows, strict=True):
-        time_ns = round(seconds * 1e9)
+    for time_ns, row in zip(columns.time_ns.tolist(), rows, strict=True):
         yield time_ns, _TRUTH, partial(writer.truth, vehicle, time_ns, row)
 
 

@@ -50,7 +50,7 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
                 f"{s.bus} {s.message}.{s.signal}",
                 f"from {s.first_s:.3f} s",
                 f"{s.count} values",
-                f"by at most {s.largest:.6g} {s.unit}".rstrip(),
+                s.at_most,
             )
             for s in outcome.signals
         ]
@@ -64,7 +64,7 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
 def _first(first: First, codecs: Mapping[str, Codec]) -> Iterator[str]:
     pair = first.pair
     codec = codecs[pair.bus]
-    name = next((each for each in codec.names if codec.can_id(each) == pair.can_id), "no message of the DBC")
+    name = codec.name_of(pair.can_id) or "no message of the DBC"
     nth = f", number {pair.rank + 1} of its identifier" if pair.rank else ""
     yield f"first in cycle {first.cycle}: 0x{pair.can_id:03X} {name} on {pair.bus}{nth}"
     frames = (pair.logged, pair.sent)

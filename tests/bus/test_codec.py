@@ -258,3 +258,9 @@ def test_the_codec_imports_none_of_the_heavy_packages():
     code = f"import sys, bench.bus.link.opening; print([m for m in {heavy.split()!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_message_is_known_by_its_identifier():
+    codec = CODECS["veh1"]
+    assert [codec.name_of(codec.can_id(name)) for name in codec.names] == list(codec.names)
+    assert codec.name_of(0x7FF) is None

@@ -10,9 +10,10 @@ import numpy as np
 
 from bench.errors import BadInput
 from bench.files import check_new, written_aside
+from bench.mcap.time_span import NS
 from bench.record.can_frame import Frame
 from bench.record.exchange import writers
-from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, NS, Format
+from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, Format
 from bench.record.reader import Run
 
 # What our log has beside frames, by the beginning of its topics.

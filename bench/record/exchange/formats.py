@@ -13,8 +13,6 @@ import can.io.mf4
 
 from bench.errors import BadInput
 
-NS = 1_000_000_000
-
 LONGEST_NS = 1 << 51
 """Longest time from a file's start, 26 days: up to here python-can's float seconds keep every ns apart."""
 

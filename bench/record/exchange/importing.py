@@ -15,7 +15,8 @@ from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
 from bench.bus.topic import V2V
 from bench.errors import BadInput
 from bench.files import check_new, written_aside
-from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, NS, Format
+from bench.mcap.time_span import NS
+from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, Format
 from bench.record.exchange.readers import Contents, Logged, read
 from bench.record.writer import RunWriter
 

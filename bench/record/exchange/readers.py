@@ -24,8 +24,9 @@ import can
 from can.io.blf import BLFParseError
 
 from bench.errors import BadInput
+from bench.mcap.time_span import NS
 from bench.record.can_frame import MAX_DATA
-from bench.record.exchange.formats import EXTENDED_MAX, NS, STANDARD_MAX, Format, names_of, to_log_id
+from bench.record.exchange.formats import EXTENDED_MAX, STANDARD_MAX, Format, names_of, to_log_id
 
 # What python-can's readers, and the libraries below them, raise on files that are not what they should be.
 _UNREADABLE = (

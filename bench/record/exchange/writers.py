@@ -21,8 +21,9 @@ from typing import cast
 import can
 import numpy as np
 
+from bench.mcap.time_span import NS
 from bench.record.can_frame import Frame
-from bench.record.exchange.formats import NS, Format, from_log_id, names_comment
+from bench.record.exchange.formats import Format, from_log_id, names_comment
 
 MICROSECOND = 1_000
 
