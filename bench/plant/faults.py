@@ -1,9 +1,10 @@
 """What faults do to a vehicle itself: its actuators, its tyres, the road under it."""
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, replace
 
+from bench.errors import RunFailed
 from bench.faults.base import Memory
 from bench.faults.plan import FaultPlan
 from bench.plant.actuators import Applied
@@ -12,9 +13,10 @@ from bench.plant.actuators import Applied
 class VehicleFaults:
     """The faults of one vehicle."""
 
-    def __init__(self, vehicle: int, plan: FaultPlan) -> None:
-        """Take from `plan` what is done to vehicle number `vehicle`."""
+    def __init__(self, vehicle: int, plan: FaultPlan, inputs: Collection[str]) -> None:
+        """Take from `plan` what is done to vehicle number `vehicle`, whose FMU has these `inputs`."""
         self._vehicle = vehicle
+        self._inputs = inputs
         self._plan = plan
         self._last = Applied()
         self._memories: defaultdict[int, Memory] = defaultdict(dict)
@@ -28,8 +30,17 @@ class VehicleFaults:
         return self._last
 
     def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> dict[str, float]:
-        """Return the FMU's inputs by name, changed by what has happened to tyres and road."""
+        """Return the FMU's inputs by name, changed by what has happened to tyres and road.
+
+        Raises:
+            RunFailed: the FMU lacks an input that a fault sets, so it would show nothing of the fault.
+        """
         changes: dict[str, float] = {}
         for _, fault in self._plan.at(cycle):
             changes |= fault.on_vehicle(self._vehicle)
+        for name in changes:
+            if name not in self._inputs:
+                raise RunFailed(
+                    f"the vehicle's FMU has no input {name}, which a fault sets; build it: platoon fmu build"
+                )
         return {**acting, **changes}

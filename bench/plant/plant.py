@@ -73,7 +73,7 @@ class VehicleNode:
         self._commands = {name: Topic(bus, name) for name in COMMANDS}
         self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values(), name=self.name, plan=plan)
         self._outbox = Outbox(self.name, {bus: link}, {bus: codec}, plan)
-        self._faults = VehicleFaults(vehicle, plan)
+        self._faults = VehicleFaults(vehicle, plan, description.inputs)
         self._actuators = Actuators()
         self._applied = self._actuators.applied
         self._published = -1

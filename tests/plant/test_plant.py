@@ -174,6 +174,24 @@ def test_the_road_acts_from_the_scenarios_profiles(stack: ExitStack) -> None:
     assert last["v_x"] < rows[0]["v_x"]
 
 
+@pytest.mark.parametrize(("wheel", "side"), [("fl", 1), ("rl", 1), ("rr", -1), ("fr", -1)])
+def test_a_tyre_that_blows_out_loses_load_and_pulls_the_vehicle_to_its_side(
+    stack: ExitStack, wheel: str, side: int
+) -> None:
+    blowout = f'faults=[{{kind="tyre_blowout",at_s=0.1,vehicle=1,wheel="{wheel}"}}]'
+    rig = Rig(load("formation", [*ALONE, blowout]), stack)
+    for cycle in range(31):
+        rig.sync(cycle)
+        rig.command(cycle)
+        rig.node.poll()
+    rows = [row for _, _, row in rig.truth]
+    assert [row[f"inflation_{wheel}"] for row in rows] == [1.0] * 11 + [0.0] * 20
+    assert abs(rows[10]["gamma"]) < 1e-9
+    assert side * rows[30]["gamma"] > 0.01
+    assert rows[30][f"F_z_{wheel}"] < 0.95 * rows[10][f"F_z_{wheel}"]
+    assert rows[10]["v_x"] - rows[30]["v_x"] > 0.1
+
+
 def test_a_failing_fmu_is_named_with_the_call(stack: ExitStack) -> None:
     description = read_description(default_fmu())
     vehicle = load("formation", ALONE).vehicles[0]
