@@ -4,9 +4,9 @@ One's own controller needs only what is here: `TrackerBase` or `PlannerBase`, an
 class that is to see every frame itself has the members of `Ecu` instead.
 """
 
+from bench.bus.quantities import Command, Motion, Peer, Pose, Reference
 from bench.ecu.base import Ecu, Health, Outgoing, Signals, Topic, vehicle_bus
 from bench.ecu.planner_base import PlannerBase
-from bench.ecu.quantities import Command, Motion, Peer, Pose, Reference
 from bench.ecu.tracker_base import TrackerBase
 
 __all__ = [

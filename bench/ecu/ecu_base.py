@@ -6,10 +6,10 @@ from time import perf_counter
 from typing import ClassVar, final
 
 from bench.bus.network import EcuSlot
+from bench.bus.quantities import bus_health
 from bench.bus.reception import Health, Reception
 from bench.bus.states import EcuState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
-from bench.ecu.quantities import bus_health
 from bench.scenario import Scenario
 
 

@@ -4,13 +4,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from bench.bus.quantities import broadcast
 from bench.bus.reception import Health
 from bench.bus.states import Cause, EcuState, Manoeuvre
 from bench.bus.topic import Signals, Topic
 from bench.control.planner import Motion
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
-from bench.ecu.quantities import broadcast
 
 RECOVERY_CYCLES = 20
 """Cycles in a row that a vehicle must be heard and plausible before it is trusted again."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from time import perf_counter
 
 from bench.bus.network import EcuSlot
+from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
@@ -16,7 +17,6 @@ from bench.ecu.following import Following
 from bench.ecu.limits import timeout_cycles
 from bench.ecu.peers import PeerWatch
 from bench.ecu.plausibility import OwnMotion
-from bench.ecu.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 

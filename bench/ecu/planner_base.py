@@ -5,11 +5,11 @@ from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from typing import ClassVar, final
 
+from bench.bus.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference, broadcast
 from bench.bus.reception import ReceptionState
 from bench.bus.states import EcuState, ReferenceState
 from bench.bus.topic import V2V, Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
-from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference, broadcast
 
 
 class PlannerBase(EcuBase):

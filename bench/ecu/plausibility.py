@@ -19,11 +19,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from bench.bus.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRONT, WHEELS_REAR
 from bench.bus.states import Cause
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible, timeout_cycles
-from bench.ecu.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRONT, WHEELS_REAR
 from platoon_fmu.parameters import VehicleParameters
 
 RECOVERY_CYCLES = 20

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.bus.network import EcuSlot
+from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Command, Reference, bus_health
 from bench.bus.reception import Health
 from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
@@ -20,7 +21,6 @@ from bench.control.tracker import Tracker, TrackerOutput
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible, timeout_cycles
 from bench.ecu.plausibility import OwnMotion, OwnState
-from bench.ecu.quantities import ACTUATORS, REFERENCE, SENSORS, Command, Reference, bus_health
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 

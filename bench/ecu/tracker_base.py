@@ -4,11 +4,11 @@ from abc import abstractmethod
 from collections.abc import Iterable
 from typing import ClassVar, final
 
+from bench.bus.quantities import MOTION, REFERENCE, Command, Motion, Reference
 from bench.bus.states import CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
 from bench.ecu.limits import timeout_cycles
-from bench.ecu.quantities import MOTION, REFERENCE, Command, Motion, Reference
 
 
 class TrackerBase(EcuBase):

@@ -4,14 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from bench.bus.codec import DBC_DIR, Codec
+from bench.bus.quantities import COMMANDS
 from bench.bus.states import ActuatorState, CommandState
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
-
-STEERING = "SteeringCommand"
-TORQUES_FRONT = "TorqueCommandFront"
-TORQUES_REAR = "TorqueCommandRear"
-COMMANDS = (STEERING, TORQUES_FRONT, TORQUES_REAR)
 
 CENTRING_RADPS = 0.2
 """How fast the steering goes back to straight in the safe state: slow enough to upset no vehicle."""
@@ -19,7 +15,7 @@ CENTRING_RADPS = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What acts on the vehicle: road-wheel angle in rad, wheel torques in N m (front left, rear left, ...)."""
+    """What acts on the vehicle: road-wheel angle in rad, wheel torques in N m."""
 
     steering_angle: float = 0.0
     torque_fl: float = 0.0

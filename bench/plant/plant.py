@@ -13,10 +13,20 @@ from bench.bus.inbox import Inbox
 from bench.bus.link.base import Link
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
+from bench.bus.quantities import (
+    ACTUATORS,
+    ATTITUDE,
+    COMMAND_RECEPTIONS,
+    COMMANDS,
+    MOTION,
+    POSITION,
+    WHEELS_FRONT,
+    WHEELS_REAR,
+)
 from bench.bus.topic import Signals, Topic, vehicle_bus
 from bench.cycle import CYCLE_S, time_of
 from bench.faults.plan import FaultPlan
-from bench.plant.actuators import COMMANDS, STEERING, TORQUES_FRONT, TORQUES_REAR, Actuators
+from bench.plant.actuators import Actuators
 from bench.plant.description import FmuDescription
 from bench.plant.faults import VehicleFaults
 from bench.plant.fmu import FmuInstance
@@ -29,13 +39,6 @@ MOST_HELD_CYCLES = 255
 COLLECT_S = 0.008
 """In real time, when the plant looks for the commands of a cycle, after its BenchSync: late enough that most are there,
 and early enough for a step before the next BenchSync."""
-
-RECEPTION = {
-    "SteeringReception": STEERING,
-    "TorqueFrontReception": TORQUES_FRONT,
-    "TorqueRearReception": TORQUES_REAR,
-}
-"""The signals of `PlantBusHealth` that show how a command is received."""
 
 TruthSink = Callable[[int, int, Sequence[float]], None]
 """Takes vehicle, cycle and truth row: all outputs, then all inputs of the FMU in its description's order.
@@ -132,17 +135,17 @@ class VehicleNode:
         """The vehicle's messages by name, from the FMU's outputs."""
         health = self._inbox.health
         return {
-            "VehiclePosition": {"X": output["X"], "Y": output["Y"]},
-            "VehicleAttitude": {"Yaw": output["psi"], "Roll": output["phi"]},
-            "VehicleMotion": {
+            POSITION: {"X": output["X"], "Y": output["Y"]},
+            ATTITUDE: {"Yaw": output["psi"], "Roll": output["phi"]},
+            MOTION: {
                 "VelocityX": output["v_x"],
                 "VelocityY": output["v_y"],
                 "YawRate": output["gamma"],
             },
             "VehicleAcceleration": {"AccelerationX": output["a_x"], "AccelerationY": output["a_y"]},
-            "WheelSpeedsFront": {"WheelSpeedFL": output["omega_fl"], "WheelSpeedFR": output["omega_fr"]},
-            "WheelSpeedsRear": {"WheelSpeedRL": output["omega_rl"], "WheelSpeedRR": output["omega_rr"]},
-            "ActuatorStatus": {
+            WHEELS_FRONT: {"WheelSpeedFL": output["omega_fl"], "WheelSpeedFR": output["omega_fr"]},
+            WHEELS_REAR: {"WheelSpeedRL": output["omega_rl"], "WheelSpeedRR": output["omega_rr"]},
+            ACTUATORS: {
                 "SteeringAngle": self._applied.steering_angle,
                 "ActuatorState": self._actuators.state,
                 "HeldCycles": min(self._actuators.held_cycles, MOST_HELD_CYCLES),
@@ -151,7 +154,7 @@ class VehicleNode:
             "PlantBusHealth": {
                 "FramesLost": health.frames_lost,
                 "E2EErrors": health.e2e_errors,
-                **{signal: health.of(self._commands[name]).state for signal, name in RECEPTION.items()},
+                **{signal: health.of(self._commands[name]).state for name, signal in COMMAND_RECEPTIONS.items()},
             },
             "PlantTiming": {"StepTime": self._step_us},
         }

@@ -2,8 +2,9 @@
 
 import pytest
 
+from bench.bus.quantities import COMMANDS
 from bench.bus.states import ActuatorState, CommandState
-from bench.plant.actuators import COMMANDS, Actuators, Applied
+from bench.plant.actuators import Actuators, Applied
 
 GOOD = {
     "SteeringCommand": {"SteeringAngle": 0.1, "CommandState": 1.0},

@@ -1,4 +1,4 @@
-"""What a controller takes and gives, in SI units and ISO 8855 axes: one place for the signals' names.
+"""What goes between plant and controllers, in SI units and ISO 8855 axes: one place for the signals' names.
 
 The messages are those of `dbc/vehicle.dbc` and `dbc/v2v.dbc`.
 """
@@ -18,6 +18,7 @@ from platoon_fmu.wheels import WHEEL_NAMES
 POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"
 WHEELS_FRONT, WHEELS_REAR, ACTUATORS = "WheelSpeedsFront", "WheelSpeedsRear", "ActuatorStatus"
 STEERING, TORQUES_FRONT, TORQUES_REAR = "SteeringCommand", "TorqueCommandFront", "TorqueCommandRear"
+COMMANDS = (STEERING, TORQUES_FRONT, TORQUES_REAR)
 
 RECEPTIONS = {
     POSITION: "PositionReception",
@@ -29,6 +30,13 @@ RECEPTIONS = {
     REFERENCE: "ReferenceReception",
 }
 """The signals of an ECU's bus health that show how its inputs are received."""
+
+COMMAND_RECEPTIONS = {
+    STEERING: "SteeringReception",
+    TORQUES_FRONT: "TorqueFrontReception",
+    TORQUES_REAR: "TorqueRearReception",
+}
+"""The signals of the plant's bus health that show how commands are received."""
 
 SENSORS = (POSITION, ATTITUDE, MOTION, WHEELS_FRONT, WHEELS_REAR)
 """What tells of the own motion."""
