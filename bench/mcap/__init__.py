@@ -1,1 +1,1 @@
-"""The MCAP container as such, whole or broken: written by chunks, walked, summarised, recovered. It knows no bus."""
+"""The MCAP container, whole or damaged: writing chunks, walking records, summary, recovery. It knows no bus."""

@@ -1,4 +1,4 @@
-"""An attachment record, believed only where its checksum proves it."""
+"""An attachment record, accepted only if its checksum is valid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def read_attachment(record: bytes) -> Attachment:
     """Return an attachment from its record's content.
 
     Raises:
-        McapError, struct.error, UnicodeDecodeError: it ends before its time.
+        McapError, struct.error, UnicodeDecodeError: it is truncated.
         ValueError: it is damaged.
     """
     attachment: Attachment = Attachment.read(ReadDataStream(io.BytesIO(record)))

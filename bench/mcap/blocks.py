@@ -1,7 +1,7 @@
-"""Unpacked chunks a few at a time, with the places of some channels' messages in them.
+"""Unpacked chunks, a few at a time, with the offsets of some channels' messages in them.
 
-A message takes some 50 bytes and a chunk has a few dozen of a channel, too few for numpy to be quick about: so chunks
-are put together to blocks. Only chunks that have the channels, and times, that are asked for are read.
+A message takes some 50 bytes and a chunk has a few dozen of a channel, too few for numpy to be efficient: so chunks
+are joined into blocks. Only chunks with requested channels and times are read.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bench.mcap.scan import ScannedFile, message_heads
 from bench.mcap.time_span import ALL, Span
 
 BLOCK_BYTES = 4 * 1024 * 1024
-"""Chunks are put together up to this size; a larger chunk is a block of its own."""
+"""Chunks are joined up to this size; a larger chunk is a separate block."""
 
 Bytes = npt.NDArray[np.uint8]
 Places = npt.NDArray[np.int64]
@@ -31,7 +31,7 @@ class Part:
     """Messages of one channel.
 
     Attributes:
-        data: the records of a block: of one chunk after the other.
+        data: the records of a block, chunk after chunk.
         offsets: where the messages start in it (n,), rising.
         heads: their `MESSAGE` heads (n,).
     """
@@ -71,13 +71,13 @@ class Part:
 def blocks(
     file: ScannedFile, channels: Sequence[int], numbers: Sequence[int], on_damage: Callable[[int], None]
 ) -> Iterator[dict[int, Part]]:
-    """Give the messages of some channels from these chunks, block by block in the order of the file, each by channel.
+    """Yield the messages of some channels from these chunks, block by block in file order, each by channel.
 
     Args:
         file: the file.
         channels: ids of the channels.
         numbers: the chunks, as `Chunks.having` gives them.
-        on_damage: told the number of each chunk that is damaged and left out.
+        on_damage: called with the number of each damaged chunk, which is skipped.
     """
     for group in _groups(file.contents.chunks.places["size"][list(numbers)].tolist(), numbers):
         found = {}
@@ -89,7 +89,7 @@ def blocks(
                 found[number] = records
         if found:
             block = _Block(file, found)
-            # Of a file that is cut off, the last message indexes may be missing.
+            # In a truncated file the last message indexes may be missing.
             indexed = file.contents.chunks.are_indexed(list(found))
             yield (block.indexed(channels) if indexed else None) or block.walked(channels)
 
@@ -118,7 +118,7 @@ class _Block:
         self._rooms = {number: (end - len(chunks[number]), end) for number, end in zip(chunks, ends, strict=True)}
 
     def indexed(self, channels: Sequence[int]) -> dict[int, Part] | None:
-        """Return the messages of each channel that has any, by the message indexes; None where one is not true."""
+        """Return the messages of each channel that has any, from the message indexes; None if one is wrong."""
         parts = {}
         for channel in channels:
             part = self._indexed(channel)

@@ -1,4 +1,4 @@
-"""One chunk record of an MCAP file: what it says of itself, and its records, without trusting either."""
+"""One chunk record of an MCAP file: its header and its records, trusting neither."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ import zstandard
 from bench.mcap.container import COMPRESSION
 
 MAX_CHUNK = 64 * 1024 * 1024
-"""A chunk that claims to unpack to more bytes than this is taken for damaged."""
+"""A chunk that claims a larger unpacked size (bytes) counts as damaged."""
 
-# Of a larger one only as much memory is taken as comes out of it.
+# For a larger one, memory grows only with its actual output.
 _AT_ONCE = 1024 * 1024
 
 _HEAD = struct.Struct("<QQQII")
-# What tools other than ours may have packed a log's chunks with.
+# LZ4, which other tools may have packed a log's chunks with.
 _LZ4 = "lz4"
 _DECOMPRESSOR = zstandard.ZstdDecompressor()
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkHead:
-    """What stands before a chunk's packed records.
+    """The header before a chunk's packed records.
 
     Attributes:
         start_ns, end_ns: log_time of its earliest and latest message.
         at: first byte of its packed records.
-        packed: how many bytes they are.
+        packed: their size in bytes.
         size: bytes when unpacked.
-        crc: CRC-32 of the unpacked records, 0 where the writer gave none.
+        crc: CRC-32 of the unpacked records, 0 if the writer gave none.
         compression: `zstd`, `lz4` or nothing.
     """
 
@@ -52,7 +52,7 @@ def chunk_head(data: bytes | mmap.mmap, at: int, length: int) -> ChunkHead:
     """Return the head of a chunk record whose content starts at `at` and is `length` bytes, all of them in `data`.
 
     Raises:
-        ValueError, struct.error: the record is of another length than it says.
+        ValueError, struct.error: the record's length contradicts its header.
     """
     start_ns, end_ns, size, crc, name_length = _HEAD.unpack_from(data, at)
     name_at = at + _HEAD.size
@@ -62,7 +62,7 @@ def chunk_head(data: bytes | mmap.mmap, at: int, length: int) -> ChunkHead:
     name = str(data[name_at : name_at + name_length], "ascii")
     (packed,) = struct.unpack_from("<Q", data, name_at + name_length)
     if packed != at + length - packed_at:
-        raise ValueError("chunk of another length than it says")
+        raise ValueError("chunk whose length contradicts its header")
     return ChunkHead(start_ns, end_ns, packed_at, packed, size, crc, name)
 
 
@@ -70,14 +70,13 @@ def unpacked(data: bytes | mmap.mmap, head: ChunkHead) -> bytes:
     """Return the records of a chunk.
 
     Raises:
-        ValueError, zstandard.ZstdError: they are damaged: they do not unpack, not to as many bytes as it says, or not
-            to those that its checksum is of.
+        ValueError, zstandard.ZstdError: they are damaged: they do not unpack, or their size or checksum is wrong.
     """
     records = _decompressed(data[head.at : head.at + head.packed], head)
     if len(records) != head.size:
-        raise ValueError("a chunk of another size than it says")
+        raise ValueError("a chunk whose size contradicts its header")
     if head.crc and zlib.crc32(records) != head.crc:
-        raise ValueError("a chunk that its checksum is not of")
+        raise ValueError("a chunk with a wrong checksum")
     return records
 
 
@@ -95,7 +94,7 @@ def _decompressed(packed: bytes, head: ChunkHead) -> bytes:
     if head.compression != COMPRESSION:
         raise ValueError(f"compression {head.compression!r}")
     if zstandard.frame_content_size(packed) not in (-1, head.size):
-        raise ValueError("the packed records are of another size than the chunk says")
+        raise ValueError("the packed records have another size than the chunk's header says")
     if head.size <= _AT_ONCE:
         return _DECOMPRESSOR.decompress(packed, max_output_size=head.size)
     with _DECOMPRESSOR.stream_reader(packed) as stream:
@@ -103,7 +102,7 @@ def _decompressed(packed: bytes, head: ChunkHead) -> bytes:
 
 
 def _read(stream: BinaryIO, size: int) -> bytes:
-    """Return what a stream gives: `size` bytes, or if it gives more than that, not all of it."""
+    """Return the output of a stream: `size` bytes, or slightly more if there is more."""
     parts = io.BytesIO()
     while parts.tell() <= size and (part := stream.read(_AT_ONCE)):
         parts.write(part)

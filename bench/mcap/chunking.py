@@ -1,9 +1,9 @@
-"""Encoded records sorted into chunks by what they are about, so that a reader unpacks only what it wants.
+"""Sorts encoded records into chunks by topic group, so that a reader unpacks only what it needs.
 
 A chunk holds records of one group of channels: the raw frames of all buses (in their order), the decoded signals of one
-bus, the truth, or the rest. All groups are written together, so that a log that is cut off ends at nearly one time.
-MCAP leaves to the writer which channels share a chunk (https://mcap.dev/spec); readers that want the order of time
-merge chunks that overlap, by their index.
+bus, the truth, or the rest. All groups are written together, so that all groups of a truncated log end at nearly the
+same time. MCAP lets the writer choose which channels share a chunk (https://mcap.dev/spec); readers that need time
+order merge overlapping chunks by their index.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 
 class Records(NamedTuple):
-    """Message records, one after the other, and what a chunk's index says of each.
+    """Consecutive message records, and the index entry of each.
 
     `channel` (n,) channel ids, `log_time` (n,) ns, `offset` (n,) bytes from the start of `data`.
     """
@@ -27,7 +27,7 @@ class Records(NamedTuple):
     offset: npt.NDArray[np.int64]
 
     def by_group(self, group: npt.NDArray[np.int64]) -> Iterator[tuple[int, Records]]:
-        """Give each group with its records, of records that stand group by group; `group` (n,) says which."""
+        """Yield each group with its records; the records are sorted by `group` (n,)."""
         starts = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
         for first, last in zip(starts, [*starts[1:], len(group)], strict=True):
             at = int(self.offset[first])
@@ -40,7 +40,7 @@ class Records(NamedTuple):
 
 
 class ChunkGroups:
-    """Holds encoded records until they are written, each group's in chunks of about `size` bytes."""
+    """Collects encoded records until they are written, each group's in chunks of about `size` bytes."""
 
     def __init__(self, size: int) -> None:
         """Begin with nothing."""
@@ -49,7 +49,7 @@ class ChunkGroups:
         self.bytes = 0
 
     def add(self, group: int, records: Records) -> None:
-        """Hold records, which go into one chunk, behind what the group has."""
+        """Append records to the group; they go into one chunk."""
         chunks = self._chunks.setdefault(group, [[]])
         if chunks[-1] and sum(len(part.data) for part in chunks[-1]) + len(records.data) > self._size:
             chunks.append([])
@@ -57,7 +57,7 @@ class ChunkGroups:
         self.bytes += len(records.data)
 
     def take(self) -> Iterator[Records]:
-        """Give what is held as chunks, group by group, and hold it no more."""
+        """Yield the collected records as chunks, group by group, and empty the groups."""
         held, self._chunks, self.bytes = self._chunks, {}, 0
         for group in sorted(held):
             for parts in held[group]:

@@ -3,7 +3,7 @@
 `mcap.writer` takes messages one at a time (3.5 us each); the recorder has thousands of them ready as one array.
 Record types, field order and the summary are those of https://mcap.dev/spec; everything but the messages goes
 through `mcap.records`. Header, metadata, attachments, schemas and channels stand before the chunks that need them,
-so that a broken file still has them.
+so that a damaged file still has them.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ MESSAGE = np.dtype(
         ("publish_time", "<u8"),
     ]
 )
-# What `length` counts beside the payload.
+# Bytes that `length` counts in addition to the payload.
 MESSAGE_FIELDS = MESSAGE.itemsize - 9
 INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 
@@ -81,7 +81,7 @@ class McapFile:
         self._record(Header(profile="", library=library))
 
     def add_schema(self, name: str, data: bytes, encoding: str = "protobuf") -> int:
-        """Return the id of the schema `name`, made on first use."""
+        """Return the id of the schema `name`, created on first use."""
         if (name, data) not in self._schema_ids:
             self._schemas.append(Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data))
             self._schema_ids[name, data] = self._schemas[-1].id

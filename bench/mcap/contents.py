@@ -1,4 +1,4 @@
-"""What is in an MCAP file, and where, as its records or its summary tell."""
+"""What is in an MCAP file, and where, according to its records or its summary."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mcap.records import Channel, Schema
 from bench.mcap.time_span import ALL, FOREVER_NS, Span
 
 RECORD = struct.Struct("<BQ")
-"""What a record begins with: opcode, and the length of the rest."""
+"""The start of a record: opcode, and the length of the rest."""
 
 CHUNK_PLACE = np.dtype([("at", "<i8"), ("length", "<i8"), ("size", "<i8"), ("start_ns", "<i8"), ("end_ns", "<i8")])
 """A chunk: first byte of its record, bytes of that without `RECORD`, bytes when unpacked, log_time from and to."""
@@ -33,12 +33,12 @@ class Chunks:
     """
 
     def __init__(self, places: npt.NDArray[Any], indexes: npt.NDArray[Any], *, complete: bool) -> None:
-        """Take in the chunks.
+        """Hold the chunks.
 
         Args:
             places: as `CHUNK_PLACE` (n,).
             indexes: as `INDEX_PLACE` (m,), in the order of the chunks.
-            complete: whether it is known that no index of a chunk that has any is missing.
+            complete: whether every chunk that has indexes is known to have all of them.
         """
         self.places = places
         self._indexes = indexes
@@ -51,7 +51,7 @@ class Chunks:
             self._indexed[indexes["chunk"]] = True
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of chunks."""
         return len(self.places)
 
     def having(self, channels: Sequence[int], span: Span = ALL) -> list[int]:
@@ -65,7 +65,7 @@ class Chunks:
         return found
 
     def note_complete(self, number: int) -> None:
-        """Note that all messages of a chunk are in its indexes, and that these are true."""
+        """Note that a chunk's indexes are complete and correct."""
         self._indexed[number] = True
 
     def are_indexed(self, numbers: Sequence[int]) -> bool:
@@ -85,7 +85,7 @@ class Chunks:
 
 
 def chunks_of(places: Sequence[tuple[int, ...]], indexes: Sequence[tuple[int, ...]]) -> Chunks:
-    """Return chunks whose records have been met one by one; numbers that are too large become the largest there are."""
+    """Return chunks whose records were read one by one; numbers too large are clipped to the largest possible."""
     tables = [
         np.array([tuple(min(number, FOREVER_NS - 1) for number in row) for row in rows], kind)
         for rows, kind in ((places, CHUNK_PLACE), (indexes, INDEX_PLACE))
@@ -95,14 +95,14 @@ def chunks_of(places: Sequence[tuple[int, ...]], indexes: Sequence[tuple[int, ..
 
 @dataclass
 class Contents:
-    """What is in a file.
+    """The contents of a file.
 
     Attributes:
         schemas, channels: by their ids.
         metadata: name -> values, in the order of the file; records of one name are merged.
         attachments: name -> content.
         chunks: where the messages are.
-        counts: channel id -> number of messages, as the summary or the message indexes have it.
+        counts: channel id -> number of messages, from the summary or the message indexes.
         damage: what is wrong with the file, empty for a whole one.
     """
 

@@ -12,7 +12,7 @@ def gathered(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], size: 
     """Return the `size` bytes of `data` from each of the offsets (n,) on, (n, size).
 
     Raises:
-        IndexError: an offset is not so far before the end.
+        IndexError: an offset is too close to the end.
     """
     return _windows(data, size)[offsets].view(np.uint8).reshape(len(offsets), size)
 
@@ -21,7 +21,7 @@ def scatter(data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64], values:
     """Write the bytes of values (n,) to `data`, each from its offset (n,) on.
 
     Raises:
-        IndexError: an offset is not so far before the end.
+        IndexError: an offset is too close to the end.
     """
     size = values.dtype.itemsize
     _windows(data, size)[offsets] = np.ascontiguousarray(values).view(f"V{size}")

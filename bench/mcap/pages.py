@@ -1,26 +1,26 @@
-"""A file that is read through a mapping, without its pages piling up in this process's memory."""
+"""A memory-mapped file whose pages do not accumulate in this process's memory."""
 
 from __future__ import annotations
 
 import mmap
 
 _RESIDENT = 16 * 1024 * 1024
-"""How much of the file may be read before the system may take its pages back; they count as this process's memory."""
+"""Bytes read before pages are released to the system; until then they count as this process's memory."""
 
 AROUND = 64 * 1024
-"""What the system maps around a place that is read, if what is before it was not."""
+"""Bytes that the system maps around a read position."""
 
 
 class Pages:
     """The pages of a mapped file."""
 
     def __init__(self, data: bytes | mmap.mmap) -> None:
-        """Begin with none of them read."""
+        """Start with no page read."""
         self._data = data
         self._read = 0
 
     def have_read(self, count: int) -> None:
-        """Take note that `count` bytes in a row were read, and give pages back now and then."""
+        """Note that `count` consecutive bytes were read, and release pages from time to time."""
         self._read += count
         if self._read >= _RESIDENT and isinstance(self._data, mmap.mmap):
             self._read = 0

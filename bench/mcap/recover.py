@@ -1,8 +1,7 @@
-"""Makes a clean log of all that is whole in a broken one, and tells what was lost.
+"""Writes a clean log from everything intact in a damaged one, and reports what was lost.
 
-What is taken over: every chunk whose records are those that its checksum is of, message by message as they are;
-attachments that their checksum proves; metadata, schemas and channels. The new file has a summary of its own. Memory is
-that of one chunk and of the attachments.
+It copies every chunk with a valid checksum, message by message; attachments with a valid checksum; metadata, schemas
+and channels. The new file has its own summary. It needs memory for one chunk and the attachments.
 """
 
 from __future__ import annotations
@@ -28,13 +27,13 @@ _CHANNEL_AT = sum(MESSAGE[name].itemsize for name in ("opcode", "length"))
 
 @dataclass
 class Recovered:
-    """What came of it.
+    """The result of a recovery.
 
     Attributes:
-        messages: messages taken over, by topic.
+        messages: messages copied, by topic.
         start_ns, end_ns: log_time of the earliest and the latest of them; None without any.
-        damaged: what in the file is damaged, a sentence each.
-        cut_off: whether the log ends before its end, so that its last half second may never have been written.
+        damaged: the damage in the file, a sentence each.
+        cut_off: whether the log is truncated, so that its last half second may never have been written.
     """
 
     messages: Counter[str] = field(default_factory=Counter)
@@ -45,7 +44,7 @@ class Recovered:
 
     @property
     def summary(self) -> str:
-        """How much was taken over, in a few words."""
+        """The amount copied, in a few words."""
         messages = f"{sum(self.messages.values())} messages of {len(self.messages)} topics"
         if self.start_ns is None or self.end_ns is None:
             return messages
@@ -53,26 +52,26 @@ class Recovered:
 
     @property
     def lost(self) -> list[str]:
-        """What was lost, a sentence each; empty where that is nothing."""
+        """What was lost, a sentence each; empty if nothing."""
         if not self.cut_off:
             return self.damaged
         end = "before the first message" if self.end_ns is None else f"at {self.end_ns / NS:.3f} s"
-        unwritten = "what the recorder had not yet written, at most half a second, is not there"
-        return [*self.damaged, f"the log was cut off: it ends {end}; {unwritten}"]
+        unwritten = "at most half a second, which the recorder had not yet written, is missing"
+        return [*self.damaged, f"the log is truncated: it ends {end}; {unwritten}"]
 
 
 def recover(source: Path, target: Path) -> Recovered:
-    """Write what is whole in `source` into the new file `target`.
+    """Write everything intact in `source` to the new file `target`.
 
     Raises:
-        BadInput: the log cannot be read or has nothing that is whole, or the file cannot be written or is there
+        BadInput: the log cannot be read or has nothing intact, or the file cannot be written or is there
             already.
     """
     check_new(target, ".mcap")
     file = ScannedFile(source)
     contents = file.contents
     if not (len(contents.chunks) or contents.metadata or contents.attachments):
-        raise BadInput(f"{source} has nothing that is whole: there is nothing to recover")
+        raise BadInput(f"{source} has nothing intact: there is nothing to recover")
     done = Recovered(damaged=_lost_in_between(file), cut_off=file.walked is not None and not file.walked.ended)
     with written_aside(target) as path, path.open("xb") as stream:
         out = McapFile(stream, "platoon")
@@ -86,7 +85,7 @@ def recover(source: Path, target: Path) -> Recovered:
             out.add_metadata("result", contents.metadata["result"])
         before = Recovery.of(contents.metadata)
         if done.lost or before:
-            # What was lost when the source was itself recovered is still not there.
+            # What an earlier recovery of the source lost is still missing.
             lost = [*(before.lost if before else ()), *done.lost]
             origin = before.source if before and not done.lost else source.name
             out.add_metadata(METADATA, Recovery(origin, lost).values)
@@ -101,7 +100,7 @@ def _lost_in_between(file: ScannedFile) -> list[str]:
     for start, end in file.walked.lost:
         where = "at its end" if end == file.size else f"from byte {start} on"
         if end > start:
-            found.append(f"{end - start} bytes {where} are no whole record")
+            found.append(f"{end - start} bytes {where} are not a complete record")
     return found + file.walked.damaged
 
 
@@ -138,10 +137,10 @@ class _Copier:
             nameless += sum(map(len, offsets.values())) - sum(map(len, known))
             nameless += self._add(data, np.sort(np.concatenate([np.empty(0, np.int64), *known])))
         if nameless:
-            self._done.damaged.append(f"{nameless} messages are of a topic or a time that cannot be told")
+            self._done.damaged.append(f"{nameless} messages have an unknown topic or time")
 
     def _add(self, data: npt.NDArray[np.uint8], offsets: npt.NDArray[np.int64]) -> int:
-        """Write the messages at `offsets` as a chunk; return how many of them were left out, as they have no time."""
+        """Write the messages at `offsets` as a chunk; return how many were skipped because they have no valid time."""
         heads = message_heads(data, offsets)
         timed = heads["log_time"] < np.uint64(1 << 63)
         heads, offsets = heads[timed], offsets[timed]

@@ -1,4 +1,4 @@
-"""What a log that `platoon log recover` made says of itself."""
+"""The metadata of a log that `platoon log recover` wrote."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 METADATA = "recovered"
-"""Name of the metadata that a recovered log has beside those of the run."""
+"""Name of the metadata record that a recovered log has in addition to the run's."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Recovery:
     """Where a log comes from.
 
     Attributes:
-        source: name of the broken log.
+        source: name of the damaged log.
         lost: what was lost, a sentence each.
     """
 
@@ -23,7 +23,7 @@ class Recovery:
 
     @classmethod
     def of(cls, metadata: Mapping[str, Mapping[str, str]]) -> Recovery | None:
-        """Return what a log with this metadata (name -> values) says; None where it was not recovered."""
+        """Return the recovery described by this metadata (name -> values); None if the log was not recovered."""
         if METADATA not in metadata:
             return None
         values = metadata[METADATA]

@@ -1,8 +1,8 @@
-"""Finds the records of an MCAP file, whole or broken, without trusting a length it reads.
+"""Finds the records of an MCAP file, whole or damaged, without trusting any length in it.
 
-A file with a summary that its checksum proves is opened by it (`bench.mcap.summary`). Any other is walked record
-by record (`bench.mcap.walk`). Nothing is allocated by a length that was read: sizes are compared with what is
-there, and a chunk is unpacked into no more than `bench.mcap.chunk.MAX_CHUNK` bytes.
+A file with a valid summary is opened by it (`bench.mcap.summary`). Any other is walked record by record
+(`bench.mcap.walk`). Nothing is allocated by a length from the file: sizes are compared with what is there, and a
+chunk is unpacked into no more than `bench.mcap.chunk.MAX_CHUNK` bytes.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from bench.mcap.summary import read_summary
 from bench.mcap.walk import INDEX, Walked, walk
 
 MAX_KEPT = 32 * 1024 * 1024
-"""Chunks are kept unpacked where all of a file's are no more bytes than this; a run of 10 s has about 12 MB."""
+"""Chunks are kept unpacked if all of a file's together are at most this many bytes; a run of 10 s has about 12 MB."""
 
 
 class ScannedFile:
@@ -37,7 +37,7 @@ class ScannedFile:
     Attributes:
         path: the file.
         contents: what is in it.
-        walked: how the walk through it went; None for a file that its summary tells of.
+        walked: the result of walking it; None for a file opened by its summary.
         size: bytes of the file.
     """
 
@@ -58,7 +58,7 @@ class ScannedFile:
         except OSError as error:
             raise BadInput(f"cannot read the log {path}: {error.strerror or error}") from error
         if not self.size:
-            raise BadInput(f"{path} is empty: there is no log in it")
+            raise BadInput(f"{path} is empty: it holds no log")
         if self._data[: len(MAGIC)] != MAGIC:
             raise BadInput(f"{path} is not an MCAP file: it does not begin with MCAP's magic bytes")
         self._pages = Pages(self._data)
@@ -106,8 +106,8 @@ class ScannedFile:
     def messages(self, number: int, data: npt.NDArray[np.uint8]) -> dict[int, npt.NDArray[np.int64]]:
         """Return where the messages of each channel start in chunk `number`, whose records are `data`.
 
-        From the message indexes where they name every record there is, else from a walk through the records. Indexes
-        that have been found true are relied on from then on.
+        From the message indexes if they name every record, else from a walk through the records. Indexes found to be
+        correct are trusted from then on.
         """
         chunks = self.contents.chunks
         places = chunks.indexes_of(number)[["channel", "at"]].tolist()

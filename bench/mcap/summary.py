@@ -1,7 +1,7 @@
-"""Opens an MCAP file by the summary at its end, where that is whole: then nothing else of the file need be read.
+"""Opens an MCAP file by the summary at its end, if that is intact: then nothing else of the file need be read.
 
-It is believed only if its checksum proves it and it has as many records of each kind as its statistics say. What it
-points to is checked when it is read, as anything else in the file.
+It is accepted only if its checksum is valid and it has as many records of each kind as its statistics say. What it
+points to is checked when it is read, like anything else in the file.
 https://mcap.dev/spec#summary-section
 """
 
@@ -35,7 +35,7 @@ _CHUNK_SIZES = np.dtype([("packed", "<u8"), ("unpacked", "<u8")])
 
 
 def read_summary(data: bytes | mmap.mmap) -> Contents | None:
-    """Return what a file has by its summary, None where it has none that is proven and complete."""
+    """Return a file's contents according to its summary; None if it has no valid and complete one."""
     end = len(data) - len(MAGIC)
     if end < len(MAGIC) + _FOOTER.size or data[end:] != MAGIC:
         return None
@@ -83,9 +83,9 @@ def _contents(data: bytes | mmap.mmap, section: bytes) -> Contents | None:
 
 
 def _records(section: bytes) -> Iterator[tuple[int, int, int]]:
-    """Give opcode, place and length of the records, `RECORD` not counted."""
+    """Yield opcode, position and length of the records, without `RECORD`."""
     at = 0
-    # The footer is cut off before its checksum, so that it is no whole record here.
+    # The footer is cut off before its checksum, so it is not a complete record here.
     while at + RECORD.size <= len(section):
         opcode, length = RECORD.unpack_from(section, at)
         if opcode == Opcode.FOOTER:
@@ -107,7 +107,7 @@ def _chunks(section: npt.NDArray[np.uint8], records: npt.NDArray[np.int64]) -> C
     sizes_at = tail_at + tails["name_length"].astype(np.int64)
     sizes = gathered(section, sizes_at, _CHUNK_SIZES.itemsize).view(_CHUNK_SIZES).reshape(-1)
     if (sizes_at + _CHUNK_SIZES.itemsize != at + length).any():
-        raise ValueError("a chunk index of another length than it says")
+        raise ValueError("a chunk index whose length contradicts its header")
     order = np.argsort(heads["at"], kind="stable")
     places = np.empty(len(order), CHUNK_PLACE)
     columns = {"at": heads["at"], "size": sizes["unpacked"], "start_ns": heads["start"], "end_ns": heads["end"]}
@@ -145,7 +145,7 @@ def _is_complete(contents: Contents, statistics: Statistics, others: list[int]) 
 def _take(contents: Contents, expected: int, record: bytes) -> None:
     opcode, length = RECORD.unpack_from(record)
     if opcode != expected or length != len(record) - RECORD.size:
-        raise ValueError("the summary points to what is not there")
+        raise ValueError("the summary points outside the file")
     if expected == Opcode.ATTACHMENT:
         attachment = read_attachment(record[RECORD.size :])
         contents.attachments[attachment.name] = attachment.data

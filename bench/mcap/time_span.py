@@ -20,7 +20,7 @@ def to_ns(seconds: float, what: str) -> int:
     """Return a time in whole ns.
 
     Raises:
-        BadInput: it is no finite number; `what` names it.
+        BadInput: it is not a finite number; `what` names it.
     """
     if not math.isfinite(seconds) or abs(seconds) >= FOREVER_NS / NS:
         raise BadInput(f"{what} {seconds}: want a time in s")
@@ -38,12 +38,14 @@ class Span(NamedTuple):
         """Return the span from `start_s` until before `end_s`, without a limit where one is None.
 
         Raises:
-            BadInput: one is no time, or the end is not after the start.
+            BadInput: one is not a time, or the end is not after the start.
         """
         start = -1 if start_s is None else max(0, to_ns(start_s, "--from / start_s"))
         end = FOREVER_NS if end_s is None else to_ns(end_s, "--to / end_s")
         if end <= start:
-            raise BadInput(f"from {max(0, start) / NS:g} s to {end / NS:g} s is no time; give an end after the start")
+            raise BadInput(
+                f"from {max(0, start) / NS:g} s to {end / NS:g} s is an empty range; give an end after the start"
+            )
         return cls(start, end)
 
     def holds(self, times: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:

@@ -1,8 +1,8 @@
-"""Finds what is in an MCAP file by walking it record by record, for files that have no summary that proves itself.
+"""Finds what is in an MCAP file by walking it record by record, for files without a valid summary.
 
-Where a record cannot be, as it is longer than the file or of no kind that belongs there, the walk goes on at the next
-chunk whose records are those that its checksum is of: nothing else in a file proves that it is what it seems to be.
-Of a file that was cut off, everything up to its last whole chunk is found.
+At an impossible record (longer than the file, or of a kind that does not belong there) the walk continues at the next
+chunk with a valid checksum: nothing else in a file proves what it is. In a truncated file, everything up to the last
+complete chunk is found.
 """
 
 from __future__ import annotations
@@ -25,34 +25,34 @@ from bench.mcap.container import COMPRESSION, INDEX_ENTRY, MAGIC
 from bench.mcap.contents import RECORD, Contents, chunks_of
 from bench.mcap.pages import Pages
 
-CUT_OFF = "it ends before its summary; whole chunks are read up to there"
+CUT_OFF = "it ends before its summary; complete chunks are read up to there"
 
 INDEX = struct.Struct("<HI")
-"""What a message index begins with: id of its channel, and the length of its entries in bytes."""
+"""The start of a message index: id of its channel, and the length of its entries in bytes."""
 
 _DATA_END_LENGTH = 4
 _PRIVATE = 0x80
-"""Opcodes from here on are for others than the format's makers, and may be anywhere."""
+"""Opcodes from here on are reserved for applications, and may occur anywhere."""
 
 # What stands in a chunk's record so far from its beginning: the name of its compression, with its length before it.
 _MARK = struct.pack("<I", len(COMPRESSION)) + COMPRESSION.encode()
 _MARK_AT = RECORD.size + 28
 
 _MOST_FALSE = 1000
-"""Places that look like a chunk and are none that are tried at most, so that no file can keep a reader for ever."""
+"""Limit on false chunk candidates tried, so that no file can keep a reader busy for ever."""
 
 _TOLD = 3
-"""Records that cannot be read that `Contents.damage` names at most."""
+"""Limit on unreadable records named in `Contents.damage`."""
 
 
 @dataclass
 class Walked:
-    """What a walk has found.
+    """The result of a walk.
 
     Attributes:
         contents: what is in the file.
-        ended: whether it came to the end of the data section, after which there is only the summary.
-        lost: from where to where the file could not be read, bytes.
+        ended: whether it reached the end of the data section, after which only the summary follows.
+        lost: unreadable byte ranges of the file.
         damaged: records that could not be read, a few words each.
     """
 
@@ -91,7 +91,7 @@ class _Walker:
         self.walked.contents.damage = self._damage()
 
     def _walk_from(self, at: int) -> int:
-        """Take records from `at` on up to the end of the data section, or to the first that cannot be; return where."""
+        """Read records from `at` to the end of the data section or the first impossible one; return the position."""
         size = len(self._data)
         while at + RECORD.size <= size:
             opcode, length = RECORD.unpack_from(self._data, at)
@@ -110,10 +110,10 @@ class _Walker:
         return at
 
     def _take(self, opcode: int, at: int, length: int) -> bool:
-        """Take in one record; return whether there can be one of its kind.
+        """Read one record; return whether its kind is possible here.
 
         Raises:
-            ValueError, struct.error: it is of another length than it says.
+            ValueError, struct.error: its length contradicts its header.
         """
         if opcode == Opcode.CHUNK:
             head = chunk_head(self._data, at, length)
@@ -147,14 +147,14 @@ class _Walker:
     def _take_index(self, at: int, length: int) -> None:
         channel, size = INDEX.unpack_from(self._data, at)
         if size != length - INDEX.size:
-            raise ValueError("message index of another length than it says")
+            raise ValueError("message index whose length contradicts its header")
         if self._chunks and size % INDEX_ENTRY.itemsize == 0:
             self._indexes.append((len(self._chunks) - 1, channel, at - RECORD.size))
             counts = self.walked.contents.counts
             counts[channel] = counts.get(channel, 0) + size // INDEX_ENTRY.itemsize
 
     def _next_proven(self) -> int | None:
-        """Return where, after the last chunk, the next one starts that its checksum proves; None where none does."""
+        """Return where, after the last chunk, the next one with a valid checksum starts; None if there is none."""
         mark = self._data.find(_MARK, self._proven + _MARK_AT)
         while mark >= 0 and self._false < _MOST_FALSE:
             if self._is_proven(mark - _MARK_AT):
@@ -175,10 +175,10 @@ class _Walker:
         return head.crc != 0
 
     def _damage(self) -> str:
-        """Return all that the walk has met, in one line."""
+        """Return all problems of the walk, in one line."""
         walked, size = self.walked, len(self._data)
         inside = sum(end - start for start, end in walked.lost if end < size)
-        found = [f"{inside} bytes in it cannot be read and are left out"] if inside else []
+        found = [f"{inside} bytes in it cannot be read and are skipped"] if inside else []
         if not walked.ended or self._data[size - len(MAGIC) :] != MAGIC:
             found.append(CUT_OFF)
         found += walked.damaged[:_TOLD]
@@ -196,7 +196,7 @@ _SMALL: dict[int, Any] = {
 _NAMES: dict[int, str] = {
     Opcode.SCHEMA: "a schema",
     Opcode.CHANNEL: "a channel",
-    Opcode.METADATA: "a record of metadata",
+    Opcode.METADATA: "a metadata record",
     Opcode.ATTACHMENT: "an attachment",
 }
 _OTHERS = (Opcode.HEADER, Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)

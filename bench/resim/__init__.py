@@ -1,1 +1,1 @@
-"""Runs an ECU again on the frames that a log says it saw, and compares what it sends: `platoon resim`."""
+"""Runs an ECU again on its recorded inputs and compares its outputs with the recorded ones: `platoon resim`."""

@@ -1,4 +1,4 @@
-"""Compares what an ECU sends with what the log has of it: bytes first, then signals."""
+"""Compares what an ECU sends with what the log recorded: first bytes, then signals."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,10 +16,10 @@ from bench.resim.tolerance import Tolerance
 
 @dataclass(frozen=True)
 class Pair:
-    """A frame of the log and the one that the ECU sends in its place; None where there is none.
+    """A recorded frame and the corresponding one sent now; None if missing.
 
     Attributes:
-        rank: how many frames of this identifier the cycle has before it.
+        rank: number of earlier frames of this identifier in the cycle.
     """
 
     bus: str
@@ -31,12 +31,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class First:
-    """The first difference, and what the ECU had to go by.
+    """The first difference, and the inputs of that step.
 
     Attributes:
-        cycle: in which it is.
+        cycle: in which it occurs.
         pair: the frames.
-        inputs: what the ECU's step in this cycle was given, None for what was missing; None where it did no step.
+        inputs: inputs of the ECU's step in this cycle, None for a missing one; None if it did no step.
     """
 
     cycle: int
@@ -58,11 +58,11 @@ class Comparison:
     """Compares cycle after cycle.
 
     Attributes:
-        log: what the ECU saw and sent.
-        tolerance: what frames may differ by.
-        frames: how many of the log have been compared.
+        log: the ECU's recorded inputs and outputs.
+        tolerance: allowed difference of frames.
+        frames: number of recorded frames compared.
         cycles: how many cycles.
-        waited: in how many of them the ECU sent something then and did no step now.
+        waited: number of cycles in which the ECU sent something then but did no step now.
         differing: frames whose bytes differ, or that only one side has.
         beyond: those of them that differ by more than the tolerance.
         first: the first of those.
@@ -86,7 +86,7 @@ class Comparison:
 
         Args:
             step: its frames.
-            inputs: what the ECU was given in it; None where it did no step.
+            inputs: the ECU's inputs; None if it did no step.
         """
         self.cycles += 1
         self.waited += bool(step.logged) and inputs is None
@@ -115,7 +115,7 @@ class Comparison:
 
     @property
     def alone(self) -> tuple[str, ...]:
-        """What only one side has: in words, by message."""
+        """Frames that only one side has, in words, by message."""
         return tuple(
             f"{bus} {message}: from {_seconds(each.first):.3f} s, {_frames(each.count, logged=logged)}"
             for (bus, message, logged), each in self._alone.items()
@@ -126,7 +126,7 @@ class Comparison:
         return self.log.codecs[bus].name_of(can_id) or f"0x{can_id:03X}"
 
     def decoded(self, bus: str, can_id: int, data: bytes) -> dict[str, float]:
-        """Return the signals of a frame; none where it is not as the DBC has it."""
+        """Return the signals of a frame; none if it does not match the DBC."""
         try:
             return self.log.codecs[bus].decode(can_id, data)[1]
         except DecodeError:
@@ -151,7 +151,7 @@ class Comparison:
         return found
 
     def _note(self, cycle: int, pair: Pair) -> bool:
-        """Note how a pair differs; whether that is more than the tolerance allows."""
+        """Note how a pair differs; return whether it exceeds the tolerance."""
         codec, message = self.log.codecs[pair.bus], self.name(pair.bus, pair.can_id)
         if pair.logged is None or pair.sent is None:
             each = self._alone.setdefault((pair.bus, message, pair.sent is None), _Signal(cycle))
@@ -161,7 +161,7 @@ class Comparison:
         if not a or not b:
             return True
         different = [signal for signal in a if a[signal] != b[signal] and signal != CRC_SIGNAL]
-        # Else it is bits that no signal has, or a CRC that does not fit to the rest.
+        # Otherwise the difference is in unused bits, or in a CRC that does not match the rest.
         beyond = self.tolerance.exact or not different
         for signal in different:
             each = self._signals.setdefault((pair.bus, message, signal), _Signal(cycle))

@@ -1,4 +1,4 @@
-"""Runs jobs in processes of their own, as many at a time as there are cores: what crashes takes nobody with it."""
+"""Runs jobs in separate processes, as many at a time as there are cores, so that a crash affects only one."""
 
 import multiprocessing
 import os
@@ -17,11 +17,11 @@ _FORK = multiprocessing.get_context("fork")
 
 
 def run_all(jobs: Sequence[Job], step_limit_s: float) -> Iterator[Outcome]:
-    """Run all jobs; give what comes of them in their order, each as soon as it and those before it are done.
+    """Run all jobs; yield their outcomes in order, each as soon as it and those before it are done.
 
     Args:
         jobs: the jobs.
-        step_limit_s: what a step may take of wall-clock time (s); an ECU that takes longer has failed.
+        step_limit_s: wall-clock limit of a step (s); an ECU that takes longer has failed.
     """
     todo = list(enumerate(jobs))
     running: dict[Connection, tuple[int, BaseProcess, StepLimit]] = {}
@@ -54,16 +54,16 @@ def run_all(jobs: Sequence[Job], step_limit_s: float) -> Iterator[Outcome]:
 
 
 def _child(job: Job, connection: Connection, limit: StepLimit, parent: int) -> None:
-    # Ctrl-C comes to the parent too, which sees to the end of this process.
+    # Ctrl-C also reaches the parent, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     for number in (signal.SIGTERM, signal.SIGHUP):
-        # What is ignored, as under nohup, stays so.
+        # Signals ignored on entry, as under nohup, stay ignored.
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.SIG_DFL)
     die_with_parent()
     if os.getppid() != parent:
-        # It died before it could be told that.
+        # It died before it could receive that.
         return
     outcome = work(job, limit)
     # The parent ends this process as soon as it has the outcome.
@@ -83,7 +83,7 @@ def _outcome(job: Job, connection: Connection, process: BaseProcess, limit: Step
         return Outcome(job.name, job.spec, error=error, failed=True)
     finally:
         connection.close()
-    # It would wait for whatever threads the class has left behind.
+    # It would wait for threads that the class left behind.
     process.kill()
     process.join()
     return outcome

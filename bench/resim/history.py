@@ -1,4 +1,4 @@
-"""What a recorded run was brought about by intent: its faults, and the ECUs it had to go on without."""
+"""What happened to a recorded run from outside: its faults, and the ECUs it continued without."""
 
 import json
 from contextlib import suppress
@@ -21,9 +21,9 @@ class History:
     """What happened to the ECUs of a run from outside.
 
     Attributes:
-        faults: of the scenario, then those typed into the running bench, in the order that chance knows them by.
-        untold: how many faults have begun in the run that the log does not hold whole.
-        ended: the cycle in which an ECU ended or fell silent that no fault had told to, by its name.
+        faults: of the scenario, then those injected into the running bench, in the order that seeds their random draws.
+        untold: number of faults that began in the run but are not completely in the log.
+        ended: by name, the cycle in which an ECU ended or fell silent without a fault.
     """
 
     faults: tuple[Fault, ...]
@@ -35,14 +35,14 @@ def read_history(run: Run) -> History:
     """Return what happened in a run.
 
     Raises:
-        BadInput: the log carries no scenario that this version can read.
+        BadInput: the log has no scenario that this version can read.
     """
     faults: list[Fault] = list(run.scenario.faults)
     begun = 0
     ended: dict[str, int] = {}
     for event in run.events:
         if event.kind == FaultRequested.kind:
-            # What another version knew is left out, but that it has begun is counted.
+            # Faults unknown to this version are left out, but counted.
             with suppress(ValidationError):
                 faults.append(_FAULTS.validate_json(json.dumps(renewed(event.fields["fault"]))))
         elif event.kind == FaultBegins.kind:

@@ -1,4 +1,4 @@
-"""One ECU to be run again, and what comes of it: what goes into a process of its own and what comes out."""
+"""One ECU to be run again, and the outcome: the input and output of a separate process."""
 
 import traceback
 import warnings
@@ -25,11 +25,11 @@ class Job:
     """One ECU to be run again.
 
     Attributes:
-        log: what it saw and sent.
+        log: its recorded inputs and outputs.
         spec: its class, as `bench.ecu.loading.load_class` takes it.
         scenario: that of the run.
-        faults: all faults of the run, in the order that chance knows them by.
-        tolerance: what its frames may differ by.
+        faults: all faults of the run, in the order that seeds their random draws.
+        tolerance: allowed difference of its frames.
     """
 
     log: EcuLog
@@ -46,26 +46,26 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an ECU that was run again.
+    """The outcome of running an ECU again.
 
     Attributes:
         name: of the ECU.
         spec: its class.
         frames: frames of the log that have been compared.
         cycles: cycles that have been compared.
-        steps: how many steps the ECU has done.
-        waited: in how many cycles it did none although it sent something then.
-        not_numbers: how many of the values it sent were NaN, and replaced by start values.
-        not_there: which of its inputs the log does not have at all.
+        steps: number of steps the ECU did.
+        waited: number of cycles without a step although it sent something then.
+        not_numbers: number of NaN values it sent, replaced by start values.
+        not_there: inputs that the log does not have at all.
         differing: frames whose bytes differ, or that only one side has.
         beyond: those of them that differ by more than the tolerance.
         first: the first of those.
         signals: the signals that differ.
         alone: frames that only one side has, in words.
         changes: all frames that differ, by cycle.
-        error: why it ended before its time, or did not run at all; empty where all went well.
-        failed: whether that is so because the ECU failed, and not because the log has too little of it.
-        bad_input: whether that is due to what the user gave.
+        error: why it ended early or did not run at all; empty if all went well.
+        failed: whether that is because the ECU failed, not because the log has too little of it.
+        bad_input: whether the user's input is the reason.
     """
 
     name: str
@@ -93,7 +93,7 @@ class Outcome:
 
 
 def work(job: Job, limit: StepLimit) -> Outcome:
-    """Run an ECU again in this process, which a step that does not end within `limit` ends."""
+    """Run an ECU again in this process; a step that exceeds `limit` ends the process."""
     if not job.log.ran:
         return Outcome(job.name, job.spec, error="it never ran: the log has no frame of it")
     if not job.log.end:
@@ -104,7 +104,7 @@ def work(job: Job, limit: StepLimit) -> Outcome:
     inputs: tuple[Topic, ...] = ()
     try:
         with warnings.catch_warnings(), Rerun(job.log, job.spec, job.scenario, job.faults, limit) as rerun:
-            # Their number is in the outcome; a line for each cycle says no more.
+            # The outcome has their number; one line per cycle would add nothing.
             warnings.simplefilter("ignore", SentNaN)
             inputs = rerun.witness.inputs
             try:
@@ -116,8 +116,8 @@ def work(job: Job, limit: StepLimit) -> Outcome:
         error = f"after {time_of(comparison.cycles):.3f} s {failure}{_where(failure)}"
     except BenchError as failure:
         error, bad_input = str(failure), isinstance(failure, BadInput)
-    except Exception as failure:  # noqa: BLE001 - of whoever wrote the class; the others go on
-        error = f"it cannot be made: {type(failure).__name__}: {failure}{_where(failure)}"
+    except Exception as failure:  # noqa: BLE001 - any error of a custom class; the other jobs continue
+        error = f"it cannot be created: {type(failure).__name__}: {failure}{_where(failure)}"
     failed = bool(error)
     if not failed and not comparison.frames:
         error = "it sent nothing in the cycles that could be compared"
@@ -143,6 +143,6 @@ def work(job: Job, limit: StepLimit) -> Outcome:
 
 
 def _where(failure: Exception) -> str:
-    """Where in somebody's class it failed."""
+    """The place in a custom class where it failed."""
     place = traceback.extract_tb((failure.__cause__ or failure).__traceback__)[-1]
     return f" ({place.filename}, line {place.lineno})"

@@ -1,4 +1,4 @@
-"""Which ECUs of a log are to be run again, as which class, and what a person must know of the log first."""
+"""Which ECUs of a log to run again, as which class, and notes on the log for the user."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ RESIMULATED = "resimulated"
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done with a log.
+    """What to do with a log.
 
     Attributes:
         run: the log.
@@ -34,7 +34,7 @@ class Plan:
         slots: all ECUs of the run.
         specs: class of each of the run's ECUs, by name, also of those that are not run again.
         realtime: whether the wall clock paced the run.
-        notes: what a person must know of the log, a sentence each.
+        notes: notes on the log for the user, a sentence each.
     """
 
     run: Run
@@ -49,18 +49,17 @@ class Plan:
 def make_plan(
     run: Run, names: Sequence[str], *, every: bool = False, classes: Sequence[str] = (), tolerances: Sequence[str] = ()
 ) -> Plan:
-    """Find out what is to be done.
+    """Decide what to do.
 
     Args:
         run: the log.
         names: of the ECUs to run again: `veh2.tracker`.
         every: all ECUs of the log.
         classes: other classes for them: `tracker=my.py:Mine`, or without the role where all of `names` have one.
-        tolerances: what frames may differ by, see `bench.resim.tolerance.parse`.
+        tolerances: allowed differences of frames, see `bench.resim.tolerance.parse`.
 
     Raises:
-        BadInput: no run's log, no such ECU or class, or the log was made with a class that is not the bench's own and
-            none is given.
+        BadInput: not a run's log, no such ECU or class, or the log was made with a custom class and none is given.
         RunFailed: a named ECU never ran in the log.
     """
     scenario = run.scenario
@@ -89,9 +88,9 @@ def make_plan(
 
 
 def class_in(run: Run, slot: EcuSlot) -> str:
-    """Return which class an ECU was in the run, as its metadata has it; empty where they do not tell.
+    """Return the ECU's class in the run according to the metadata; empty if unknown.
 
-    An entry `ecu veh2.tracker` goes before that of all trackers, `ecu tracker`.
+    An entry `ecu veh2.tracker` takes precedence over that of all trackers, `ecu tracker`.
     """
     return run.metadata.get(f"ecu {slot.name}") or run.metadata.get(f"ecu {slot.role}", "")
 
@@ -99,7 +98,7 @@ def class_in(run: Run, slot: EcuSlot) -> str:
 def _chosen(run: Run, names: Sequence[str], slots: Mapping[str, EcuSlot], *, every: bool) -> list[EcuSlot]:
     for name in names:
         if not _NAME.fullmatch(name):
-            raise BadInput(f"--ecu {name}: want the name of an ECU; this log's are {', '.join(slots)}")
+            raise BadInput(f"--ecu {name}: not an ECU of this log; its ECUs are {', '.join(slots)}")
         if name not in slots:
             raise RunFailed(f"{name} never ran in {run.path}; its ECUs are {', '.join(slots)}")
     if every:
@@ -123,10 +122,10 @@ def _given_classes(classes: Sequence[str], chosen: Sequence[EcuSlot]) -> dict[st
 
 
 def _class_note(run: Run, slot: EcuSlot, given: Mapping[str, str]) -> str:
-    """Say where the class that ran is another than the one that is to be run.
+    """Note where the class to run differs from the one that ran.
 
     Raises:
-        BadInput: it is not the bench's own, and nobody has said which to take.
+        BadInput: it is a custom class, and none is given.
     """
     own = DEFAULT_ECUS[slot.role]
     ran = class_in(run, slot) or own
@@ -148,31 +147,33 @@ def _notes(
     notes = []
     if realtime:
         notes.append(
-            "a real-time log: in each cycle of which it has a frame of an ECU, that ECU is given what was received "
-            "before that step began; what came at that very moment may be on the wrong side, and make a difference"
+            "a real-time log: in each cycle in which it has a frame of an ECU, that ECU gets what had been received "
+            "before that step began; a frame received at that very moment may be misplaced and cause a difference"
         )
     if realtime and RESIMULATED in run.metadata:
         notes.append(
-            f"written by resim -o, it does not tell how long the steps of these took: {run.metadata[RESIMULATED]}; "
-            "what came meanwhile is taken for their input too, and may make a difference"
+            f"written by resim -o, it does not have the computing times of these ECUs: {run.metadata[RESIMULATED]}; "
+            "frames received meanwhile count as their inputs too, which may cause a difference"
         )
     if history.untold:
         notes.append(
-            f"{history.untold} faults were typed into the running bench that this log does not hold; from there on "
-            "ECUs may send something else on account of them"
+            f"{history.untold} faults were injected into the running bench that this log does not hold; from there on "
+            "ECUs may send something else because of them"
         )
     if realtime and len(history.faults) > len(run.scenario.faults):
-        notes.append("faults were typed into the running bench: in real time each ECU heard of them in its own time")
+        notes.append(
+            "faults were injected into the running bench: in real time each ECU learnt of them at its own time"
+        )
     changed = {codec.file_name for bus, codec in codecs.items() if run.dbc(bus) not in (None, codec.dbc)}
     notes += [
-        f"{name} has changed since this log was made: the same values may be other bytes" for name in sorted(changed)
+        f"{name} has changed since this log was made: the same values may have other bytes" for name in sorted(changed)
     ]
     lost = run.result.get("frames_lost", "0")
     if lost != "0":
-        notes.append(f"{lost} frames were lost in this run: who lost them cannot have answered to them")
+        notes.append(f"{lost} frames were lost in this run: their receivers could not react to them")
     cut = min((job.log.end for job in jobs if not job.log.whole), default=None)
     if cut is not None:
-        notes.append(f"the log is not whole: compared up to {time_of(cut):.2f} s")
+        notes.append(f"the log is incomplete: compared up to {time_of(cut):.2f} s")
     failed = {job.name: history.ended[job.name] for job in jobs if job.name in history.ended}
     notes += [
         f"{name} failed in the run, compared up to there: {time_of(cycle):.2f} s" for name, cycle in failed.items()

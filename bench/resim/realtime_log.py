@@ -1,4 +1,4 @@
-"""A real-time log as an ECU saw it: frames in the order of their receipt, and the cycles that its own are put in."""
+"""A real-time log from an ECU's view: frames in order of reception, and the cycles of its own frames."""
 
 from collections.abc import Mapping
 
@@ -19,8 +19,8 @@ _STEP_TIME = "StepTime"
 class Feed:
     """All frames of an ECU's buses in the order in which they were received.
 
-    A step took in its inputs when it began: as long before its first frame as it says that it took, in its timing
-    message. Of an ECU that does not say so, what came while it was calculating is taken for its input as well.
+    A step took its inputs when it began: its duration, from the ECU's timing message, before its first frame. If an ECU
+    does not report durations, frames received while it was calculating count as its inputs too.
     """
 
     def __init__(self, log: EcuLog) -> None:
@@ -41,7 +41,7 @@ class Feed:
         self._timed = self._step_times()
 
     def _step_times(self) -> npt.NDArray[np.int64]:
-        """When each timing message of the ECU was received, and how long it says that the step took (2, n), ns."""
+        """When each timing message of the ECU was received, and the duration that it reports (2, n), ns."""
         bus, name = vehicle_bus(self._log.slot.vehicle), self._log.slot.message("Timing")
         codec, table = self._log.codecs[bus], self._log.buses[bus].table
         if name not in codec.names:
@@ -52,7 +52,7 @@ class Feed:
         return timed[:, np.argsort(timed[0], kind="stable")]
 
     def step_began(self, cycle: int) -> int:
-        """Return when the ECU's step of a cycle began (ns); never, where no frame of it was received."""
+        """Return when the ECU's step of a cycle began (ns); never, if no frame of it was received."""
         found = self._own.get(cycle, ())
         # A frame that does not name its cycle may have been put in one beside it.
         named = [received for received, frame in found if _names(self._log.codecs, frame, cycle)]
@@ -74,11 +74,11 @@ class Feed:
         return max(int(log.begun[cycle]) for log in self._log.buses.values())
 
     def skip_to(self, cycle: int) -> None:
-        """Leave out what was received before a cycle began, unless it has been given already."""
+        """Skip frames received before a cycle began."""
         self._at = max(self._at, int(np.searchsorted(self._received, self.begun(cycle))))
 
     def until(self, time_ns: int) -> list[Frame]:
-        """Return the frames that were received before a time and have not been given yet."""
+        """Return the frames that were received before a time and have not been returned yet."""
         start, self._at = self._at, max(self._at, int(np.searchsorted(self._received, time_ns)))
         return [frame for _, frame in self._others[start : self._at]]
 

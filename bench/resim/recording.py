@@ -1,4 +1,4 @@
-"""What a log holds of one ECU: the frames of its buses, cycle by cycle, its own apart from those it saw."""
+"""One ECU's part of a log: the frames of its buses, cycle by cycle, its own separated from its inputs."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def read_buses(run: Run, codecs: Mapping[str, Codec], cycles: int) -> dict[str, 
 
 def _bus_log(run: Run, bus: str, codec: Codec, limit: int) -> BusLog:
     table = run.frame_table(bus)
-    # A damaged log may claim any time.
+    # A damaged log may contain any time.
     table = table[(table["time"] >= 0) & (table["time"] < limit * CYCLE_NS)]
     cycles = table["time"] // CYCLE_NS
     order = np.argsort(cycles, kind="stable")
@@ -90,7 +90,7 @@ def frames_of(bus: str, rows: npt.NDArray[Any]) -> list[Frame]:
 
 
 def _first_gap(synced: Sequence[npt.NDArray[np.bool_]]) -> int:
-    """Return the first cycle that not all buses have the begin of."""
+    """Return the first cycle whose start is missing on some bus."""
     cycles = min(map(len, synced))
     everywhere = np.logical_and.reduce([each[:cycles] for each in synced])
     return cycles if everywhere.all() else int(np.argmin(everywhere))
@@ -102,7 +102,7 @@ class EcuLog:
     Attributes:
         slot: which ECU.
         buses: its buses' frames, by name, in the order the ECU has its links in.
-        end: the first cycle that is not compared, as the log does not hold it whole.
+        end: the first cycle not compared because the log does not hold it completely.
         whole: whether that is the end of the run.
     """
 
@@ -116,7 +116,7 @@ class EcuLog:
         cycles: int | None,
         until: int | None = None,
     ) -> None:
-        """Pick the ECU's buses out of a log's.
+        """Select the ECU's buses.
 
         Args:
             slot: which ECU.
@@ -135,11 +135,11 @@ class EcuLog:
         }
         others = {bus: frozenset(codec.can_ids) - self._own[bus] for bus, codec in self.codecs.items()}
         places = {place for fault in faults for place in fault.identifiers(slot.name)}
-        # Frames with an identifier of another node cannot be told from that one's.
+        # Frames with another node's identifier cannot be distinguished from that node's.
         self._babble = {(bus, can_id) for bus, can_id in places if can_id not in others[bus]}
         gap = _first_gap([log.synced for log in self.buses.values()]) if len(self.buses) == len(self.codecs) else 0
         self.whole = cycles is not None and gap >= cycles
-        # Of a run that was cut off, the newest cycle may not be there whole.
+        # In a truncated run the newest cycle may be incomplete.
         self.end = gap if self.whole else max(0, gap - 1)
         if until is not None:
             self.end = min(self.end, until)
@@ -190,8 +190,8 @@ class EcuLog:
     def cycle(self, number: int) -> list[Frame]:
         """Return all frames of a cycle on the ECU's buses: BenchSync first, what is announced as absent last.
 
-        So they were sent: an absence is announced after whatever else came of its identifier. The log has them in the
-        order of the wire.
+        This is the order of sending: an absence is announced after any other frame of its identifier. The log is in
+        wire order.
         """
         frames = [f for bus, log in self.buses.items() for f in frames_of(bus, log.of_cycle(number))]
         syncs = {bus: codec.can_id(BENCH_SYNC) for bus, codec in self.codecs.items()}

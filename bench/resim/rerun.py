@@ -1,12 +1,12 @@
 """Runs one ECU in this process on the frames that a log has for it, with the log's clock.
 
-The ECU sits in the same node as in a run, on the links of `--can direct`, with the run's faults: those of frames on
-their way hit what it sends, and where the run crashed or stopped it, this does too.
+The ECU runs in the same node as in a run, on the links of `--can direct`, with the run's faults: frame faults affect
+what it sends, and crashes and hangs happen again.
 
-In lockstep it is given the frames of a cycle and steps, as it did then. In real time it stepped when its inputs were
-there or its wait for them was over; when that was, and which cycles it missed, only the log tells: in each cycle of
-which the log has a frame of it, it is given what had been received before that step, and before the next cycle began,
-and steps with that. To the microsecond that is not known, so a frame that came just then may be on the wrong side.
+In lockstep it gets the frames of a cycle and steps, as in the run. In real time it stepped when its inputs were there
+or its wait was over; only the log tells when that was, and which cycles it missed: in each cycle in which the log has a
+frame of it, it gets what had been received before that step, and before the next cycle began. This is not known to the
+microsecond, so a frame received just then may be misplaced.
 """
 
 from collections.abc import Iterator, Sequence
@@ -35,7 +35,7 @@ from bench.scenario import Scenario
 
 @dataclass(frozen=True)
 class Step:
-    """What the log and the ECU have in one cycle.
+    """The log's and the ECU's frames of one cycle.
 
     Attributes:
         cycle: its number.
@@ -49,11 +49,11 @@ class Step:
 
 
 class Rerun:
-    """One ECU on its log; iterating over it makes it go. A context manager.
+    """One ECU on its log; iterating over it runs it. A context manager.
 
     Attributes:
-        witness: the ECU as it is now; after a crash another one.
-        steps: how many steps it has done.
+        witness: the present ECU; after a crash a new one.
+        steps: number of steps done.
     """
 
     def __init__(self, log: EcuLog, spec: str, scenario: Scenario, faults: Sequence[Fault], limit: StepLimit) -> None:
@@ -64,7 +64,7 @@ class Rerun:
             spec: its class, as `bench.ecu.loading.load_class` takes it.
             scenario: that of the run.
             faults: all faults of the run, in the order that chance knows them by.
-            limit: of the time that a step may take.
+            limit: time limit of a step.
 
         Raises:
             BadInput: the class cannot be loaded or takes what is not on its buses.
@@ -83,7 +83,7 @@ class Rerun:
         name = log.slot.name
         mine = [fault for fault in faults if fault.outage and fault.outage.ecu == name]
         self._outages = Outages(FaultPlan(mine))
-        # Not entered: signals end this process as they end any other.
+        # Not entered: signals end this process as usual.
         interrupts = Interrupts()
         self._stack.push(interrupts)
         self._crew = DirectCrew([], [name], self._make, self._links, self, interrupts)
@@ -94,7 +94,7 @@ class Rerun:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give up what it holds."""
+        """Release its resources."""
         self._stack.close()
 
     @property
@@ -108,7 +108,7 @@ class Rerun:
         return self._witnesses[-1]
 
     def __iter__(self) -> Iterator[Step]:
-        """Give every cycle after it has been run.
+        """Yield every cycle after it has been run.
 
         Raises:
             RunFailed: the ECU failed.
@@ -124,7 +124,7 @@ class Rerun:
         """See `bench.conductor.crew.Listener`; no ECU has any."""
 
     def words(self, name: str, text: str) -> None:
-        """See `bench.conductor.crew.Listener`; what an ECU in this process says goes to this process's output."""
+        """See `bench.conductor.crew.Listener`; an ECU in this process prints to this process's output."""
 
     def _make(self, _name: str) -> tuple[Node, tuple[Topic, ...]]:
         slot, codecs = self._log.slot, self._log.codecs
@@ -139,7 +139,7 @@ class Rerun:
         return node, witness.inputs
 
     def _work(self) -> list[Frame]:
-        """Let the ECU do what it can, and return what it sends."""
+        """Let the ECU step if it can, and return what it sends."""
         while self._crew.attend(0.0):
             pass
         sent, self._sent = self._sent, []
@@ -151,7 +151,7 @@ class Rerun:
             away = bool(self._outages.absent)
             logged = []
             for frame in self._log.cycle(cycle):
-                # While it is away, it is the conductor that announces its frames as absent.
+                # While it is away, the conductor announces its frames as absent.
                 if self._log.is_own(frame) and not (away and self._log.absent(frame) is not None):
                     logged.append(frame)
                 else:
@@ -165,18 +165,18 @@ class Rerun:
             sent.setdefault(cycle, [])
             for frame in self._step_in_time(feed, cycle):
                 sent.setdefault(naming.cycle_of(frame, cycle), []).append(frame)
-            # What comes later is no frame of those before any more.
+            # Later frames no longer belong to the cycles before.
             for done in [number for number in sent if number < cycle - SETTLE_CYCLES]:
                 yield Step(done, feed.own(done), sent.pop(done))
         for done, frames in sent.items():
             yield Step(done, feed.own(done), frames)
 
     def _cycles_with_a_step(self, feed: Feed) -> Iterator[int]:
-        """Give the cycles in which the ECU did a step, after the faults that begin or end there."""
+        """Yield the cycles in which the ECU did a step, after applying the faults that begin or end there."""
         prepared = 0
         for cycle in range(self._log.end):
             faults = self._plan.at(cycle)
-            # Of one that is off its bus nobody heard, but it went on.
+            # A bus-off ECU was not heard, but kept running.
             unheard = any(is_off(self._log.slot.name, bus, faults) for bus in self._links)
             if not unheard and not feed.own(cycle):
                 continue
@@ -184,20 +184,20 @@ class Rerun:
                 self._outages.apply(number, self._crew)
             prepared = cycle + 1
             if self._outages.absent:
-                # What it sent before it was stopped in this cycle.
+                # Frames that it sent in this cycle before it was stopped.
                 continue
             if self._fresh:
-                # It has been started while the run was under way, and listens from here on.
+                # It was restarted during the run, and listens from here on.
                 feed.skip_to(cycle)
                 self._fresh = False
             yield cycle
 
     def _step_in_time(self, feed: Feed, cycle: int) -> list[Frame]:
-        """Let the ECU do its step of a cycle with what had come by then, and return what it sends."""
+        """Let the ECU do its step of a cycle with the frames received by then, and return what it sends."""
         for bus, can_id, data in feed.until(min(feed.step_began(cycle), feed.begun(cycle + 1))):
             self._links[bus].send(can_id, data)
         sent: list[Frame] = []
-        # First with the cycle just begun, then with its time for waiting over.
+        # First with the cycle just begun, then with its waiting time over.
         for now in (cycle, cycle + 1):
             self._now_s = time_of(now)
             sent += self._work()

@@ -1,8 +1,7 @@
-"""Writes a log as it would be with what ECUs send now: for `platoon diff`, `platoon report` and the rest.
+"""Writes the log that would result from what ECUs send now, for `platoon diff`, `platoon report` and others.
 
-Only the frames of the ECUs that were run again are others. The vehicles do not know: what they did is what they did
-then, and so is what every other ECU answered. What processes took of the machine is left out, and so are the times
-that the ECUs run again took then for their calculations.
+Only the frames of the ECUs that were run again change. This is open loop: vehicles and other ECUs behave as recorded.
+Process usage is left out, and so are the computing times of the ECUs that were run again.
 """
 
 from collections import defaultdict
@@ -34,16 +33,16 @@ _Writing = tuple[int, int, Callable[[], None]]
 
 
 def write(plan: Plan, outcomes: Sequence[Outcome], out: Path, command_line: str) -> None:
-    """Write the log to `out`, which must not exist; where it cannot be written whole, there is none.
+    """Write the log to `out`, which must not exist; if it cannot be written completely, no file remains.
 
     Raises:
-        BadInput: the log holds what cannot be read, or the file cannot be written.
+        BadInput: the log is unreadable, or the file cannot be written.
     """
     with written_aside(out) as path:
         try:
             _write(plan, outcomes, path, command_line)
         except RunFailed as failure:
-            # It names the file aside, where a person knows only `out`.
+            # The error names the temporary file; the user knows only `out`.
             if isinstance(failure.__cause__, OSError):
                 raise failure.__cause__ from None
             raise
@@ -51,7 +50,7 @@ def write(plan: Plan, outcomes: Sequence[Outcome], out: Path, command_line: str)
 
 def _write(plan: Plan, outcomes: Sequence[Outcome], path: Path, command_line: str) -> None:
     run = plan.run
-    # A log that was cut down to what ECUs need has no truth.
+    # A log reduced to what ECUs need has no truth.
     truth_names = [name for name in run.truth(1) if name != "t"] if "/truth/veh1" in run.topics else []
     vehicles = range(1, run.vehicles + 1) if truth_names else ()
     units = {name: run.unit("/truth/veh1", name) for name in truth_names}
@@ -79,7 +78,7 @@ def _write(plan: Plan, outcomes: Sequence[Outcome], path: Path, command_line: st
 
 
 def _classes(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """What the metadata say of the ECUs' classes: one entry for those of a role where all are the same."""
+    """The metadata of the ECUs' classes: one entry per role if all are the same."""
     again = {outcome.name: outcome.spec for outcome in outcomes}
     of_role: dict[str, dict[str, str]] = defaultdict(dict)
     for slot in plan.slots:
@@ -88,7 +87,7 @@ def _classes(plan: Plan, outcomes: Sequence[Outcome]) -> dict[str, str]:
     for role, classes in of_role.items():
         different = set(classes.values())
         found |= {role: different.pop()} if len(different) == 1 else classes
-    # A log made by hand may not tell.
+    # A log made by hand may lack it.
     return {f"ecu {who}": spec for who, spec in found.items() if spec}
 
 
@@ -105,7 +104,7 @@ def _own_times(plan: Plan, outcomes: Sequence[Outcome]) -> set[tuple[str, int]]:
 
 
 def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
-    """What each ECU takes, which its frames wait for on the wire."""
+    """The inputs of each ECU, which its frames wait for on the wire."""
     found: dict[str, Sequence[Topic]] = {}
     for slot in plan.slots:
         ecu = load_class(plan.specs[slot.name])(slot.vehicle, plan.run.scenario)
@@ -114,7 +113,7 @@ def _inputs(plan: Plan) -> dict[str, Sequence[Topic]]:
 
 
 def _changes(outcomes: Sequence[Outcome]) -> dict[int, list[Pair]]:
-    """What is to be changed, by cycle."""
+    """The changes, by cycle."""
     changes: dict[int, list[Pair]] = defaultdict(list)
     for outcome in outcomes:
         for cycle, pairs in outcome.changes.items():
@@ -134,11 +133,11 @@ def _frames(
 
 
 def _changed(frame: Frame, pairs: list[Pair]) -> Iterator[Frame]:
-    """Give what is to be in the place of a frame; those of `pairs` that are seen to in doing so are taken out."""
+    """Yield what replaces a frame; the pairs used are removed from `pairs`."""
     kept = True
     for pair in [pair for pair in pairs if pair.bus == frame.bus]:
         if pair.logged is None and pair.sent is not None:
-            # At once, as the cycle has at least a BenchSync on this bus.
+            # At once, because the cycle has at least a BenchSync on this bus.
             pairs.remove(pair)
             yield frame._replace(can_id=pair.can_id, data=pair.sent)
         elif kept and (pair.can_id, pair.logged) == (frame.can_id, frame.data):

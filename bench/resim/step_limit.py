@@ -1,4 +1,4 @@
-"""A time limit for each step of an ECU that is run again: one that hangs must not hold up the others for ever."""
+"""A time limit for each step of an ECU that is run again: one that hangs must not block the others."""
 
 import signal
 from collections.abc import Iterator
@@ -11,20 +11,20 @@ _MAKING = -1
 
 
 class StepLimit:
-    """Ends the process of an ECU, by SIGALRM, where a step does not end in time; so it ends also what hangs in C code.
+    """Ends an ECU's process, by SIGALRM, if a step does not end in time, even if it hangs in C code.
 
-    Made before that process is forked, it tells what went on there to the process that is left.
+    Created before that process is forked, it tells the parent what was going on.
     """
 
     def __init__(self, seconds: float) -> None:
         """Allow so many `seconds` of wall-clock time for a step."""
         self._seconds = seconds
-        # In memory that both processes see.
+        # In shared memory.
         self._cycle = RawValue("q", _MAKING)
 
     @contextmanager
     def making(self) -> Iterator[None]:
-        """Watch over the making of the ECU."""
+        """Watch over the creation of the ECU."""
         with self.step(_MAKING):
             yield
 
@@ -39,8 +39,8 @@ class StepLimit:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
     def __str__(self) -> str:
-        """Return what hangs where the time was over, and since when."""
+        """Return what hangs, and since when, if the time was over."""
         cycle = self._cycle.value
         if cycle == _MAKING:
-            return f"hangs in its making, which did not end within {self._seconds:g} s"
+            return f"hangs in its constructor, which did not end within {self._seconds:g} s"
         return f"hangs in cycle {cycle} (t = {time_of(cycle):.3f} s): no end within {self._seconds:g} s"

@@ -1,4 +1,4 @@
-"""What a person reads of an ECU that was run again."""
+"""The outcome of running an ECU again, as text."""
 
 from collections.abc import Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""How far a signal may be from what the log has: by default not at all."""
+"""The allowed difference of a signal from the log: none by default."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ _FLOAT_STEP = 2.0**-23
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What two frames of one message may differ by.
+    """The allowed difference of two frames of one message.
 
     Attributes:
         steps: allowed difference of any signal, in steps of its resolution (its scale in the DBC; of a float, that of
             its size). States and counters must be equal.
-        signals: by message and signal the allowed difference in the signal's unit, which goes before `steps`.
+        signals: by message and signal the allowed difference in the signal's unit, which takes precedence over `steps`.
     """
 
     steps: float = 0.0
@@ -26,17 +26,17 @@ class Tolerance:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing may differ."""
+        """Whether no difference is allowed."""
         return not self.steps and not self.signals
 
     def allows(self, codec: Codec, message: str, signal: str, a: float, b: float) -> bool:
-        """Return whether two values of a signal are near enough to each other."""
+        """Return whether two values of a signal are close enough."""
         if a == b or (a != a and b != b):
             return True
         if self.exact:
             return False
         if signal == CRC_SIGNAL:
-            # It follows from the rest of a frame, so where that may differ it may too.
+            # It follows from the rest of the frame, so it may differ if that may.
             return True
         if _must_be_equal(codec, message, signal):
             return False
@@ -53,7 +53,7 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
     """Return the tolerance that was typed: STEPS for all signals, or MESSAGE.SIGNAL=VALUE.
 
     Args:
-        texts: as they were typed.
+        texts: as given by the user.
         messages: the messages that may be named, each with its bus's codec.
 
     Raises:
@@ -76,7 +76,7 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
 
 
 def _must_be_equal(codec: Codec, message: str, signal: str) -> bool:
-    """Whether near is not near enough: of a state, and of what E2E protection counts and checks."""
+    """Whether a signal must be equal: a state, or an E2E counter or CRC."""
     return bool(codec.message(message).get_signal_by_name(signal).choices) or signal in (COUNTER_SIGNAL, CRC_SIGNAL)
 
 
@@ -91,6 +91,6 @@ def _signal(text: str, place: str, messages: Mapping[str, Codec]) -> tuple[str, 
     if _must_be_equal(messages[message], message, signal):
         raise BadInput(
             f"--tolerance {text}: {signal} must be the same, as it is a state (has a value table), alive counter or "
-            "CRC; a tolerance is for signals that are measured or calculated"
+            "CRC; a tolerance applies to measured or calculated signals"
         )
     return message, signal

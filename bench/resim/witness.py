@@ -1,4 +1,4 @@
-"""An ECU under observation: what each of its steps was given."""
+"""An ECU under observation: records the inputs of its steps."""
 
 from collections.abc import Mapping
 
@@ -7,11 +7,11 @@ from bench.ecu.runtime import INPUT_WAIT_S
 from bench.resim.step_limit import StepLimit
 
 _KEPT = 8
-"""Steps that are remembered: as many as a frame may come late."""
+"""Number of steps remembered: as many as a frame may be late."""
 
 
 class Witness:
-    """Is the ECU it is given, and remembers its newest steps. See `bench.ecu.base.Ecu`.
+    """Wraps an ECU and remembers its newest steps. See `bench.ecu.base.Ecu`.
 
     Attributes:
         steps: how many there have been.
@@ -34,5 +34,5 @@ class Witness:
         self.seen.pop(cycle - _KEPT, None)
         self.steps += 1
         with self._limit.step(cycle):
-            # A generator would do its work only when its messages are taken out.
+            # A generator would do its work only when consumed.
             return list(self._ecu.step(cycle, time_s, inputs, health))

@@ -56,7 +56,7 @@ _RECORD = struct.Struct("<BQ")
 _CHUNK = struct.Struct("<QQQII4sQ")
 _FOOTER_LENGTH = 20
 # An error of a programme, not of the log, as `bench.resim.job` has it.
-_FAILED = re.compile("^(it cannot be made|after .* s )")
+_FAILED = re.compile("^(it cannot be created|after .* s )")
 _EDGES = (0, 1, 7, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63 - 1, 2**63, 2**64 - 1)
 
 Random = random.Random

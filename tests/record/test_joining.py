@@ -46,7 +46,7 @@ def test_names_are_bus_message_and_signal(run):
         (lambda run: run.table([]), "no signal was asked for"),
         (lambda run: run.table("truth.veh1.X", every_s=0.0), "every_s 0.0: want a step in s, at least 1e-9"),
         (lambda run: run.table("truth.veh1.X", every_s=1e-9), "makes .* rows, more than"),
-        (lambda run: run.table("truth.veh1.X", start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
+        (lambda run: run.table("truth.veh1.X", start_s=2.0, end_s=1.0), "from 2 s to 1 s is an empty range"),
         (lambda run: run.signal("truth.veh1.X", start_s=float("nan")), "--from / start_s nan: want a time in s"),
         (lambda run: run.signal(3), r"bus 3: want a name as text, for example 'veh1\.Veh"),
         (lambda run: run.signal("veh1", None), "message None: want a name"),
@@ -55,7 +55,7 @@ def test_names_are_bus_message_and_signal(run):
         (lambda run: run.table([3]), "names 3: want a name"),
         (lambda run: run.unit(3), "topic 3: want a name"),
         (lambda run: run.names(None), "pattern None: want a name"),
-        (lambda run: run.event_table(start_s=2.0, end_s=1.0), "from 2 s to 1 s is no time"),
+        (lambda run: run.event_table(start_s=2.0, end_s=1.0), "from 2 s to 1 s is an empty range"),
     ],
 )
 def test_a_slip_is_told_with_what_is_near(run, ask, answer):

@@ -112,7 +112,7 @@ def test_what_is_damaged_beside_what_was_seen_first_is_told_too(platoon, log):
         shown = platoon("log", "info", log.name, "--json")
     assert len(caught) == 1
     assert json.loads(shown.stdout)["damage"] == (
-        "it ends before its summary; whole chunks are read up to there; "
+        "it ends before its summary; complete chunks are read up to there; "
         "an attachment cannot be read (the attachment scenario.toml is damaged); "
         f"a chunk {time} is damaged and left out"
     )
@@ -140,7 +140,7 @@ def test_info_of_a_recovered_log_says_so(platoon, log):
     assert ["status", "unfinished (cut off)"] in rows
     assert ["damage", "none found"] in rows
     assert ["recovered", "from run.mcap"] in rows
-    assert any(row[0] == "lost" and "the log was cut off: it ends at" in row[1] for row in rows)
+    assert any(row[0] == "lost" and "the log is truncated: it ends at" in row[1] for row in rows)
 
 
 def test_signals_are_listed_with_units_counts_and_ranges(platoon, log):
@@ -273,7 +273,7 @@ def test_what_cannot_be_done_is_refused_in_one_line(platoon, tmp_path):
         ),
         (["export", "run.mcap", "-o", "a.csv", "--to", "nan"], "--to / end_s nan: want a time in s"),
         (["export", "run.mcap", "-o", "a.csv", "--from", "2"], "nothing of these signals in that time"),
-        (["export", "run.mcap", "-o", "a.csv", "--from", "0.2", "--to", "0.1"], "is no time"),
+        (["export", "run.mcap", "-o", "a.csv", "--from", "0.2", "--to", "0.1"], "is an empty range"),
         (["export", "run.mcap", "--format", "csv", "-o", "a.parquet"], ".csv"),
         (["export", "bad.log", "-o", "a.csv"], "is not an MCAP file"),
         (["info", "bad.log"], "is not an MCAP file"),

@@ -76,11 +76,11 @@ def test_of_a_log_that_was_cut_off_all_whole_chunks_are_there(recorded, tmp_path
         wanted = list(Run(broken).frames())
     result = command(broken)
     assert result.exit_code == 3
-    assert "lost: 100 bytes at its end are no whole record" in result.output
-    assert "lost: the log was cut off: it ends at" in result.output
+    assert "lost: 100 bytes at its end are not a complete record" in result.output
+    assert "lost: the log is truncated: it ends at" in result.output
     run, frames = read(tmp_path / "broken-recovered.mcap")
     assert frames == wanted
-    assert "cut off" in run.log.contents.metadata[METADATA]["lost"]
+    assert "truncated" in run.log.contents.metadata[METADATA]["lost"]
     assert run.result == {}
     shown = overview(run)
     assert shown.status == "unfinished (cut off)"
@@ -120,11 +120,11 @@ def test_after_a_hole_the_next_chunk_that_proves_itself_is_found(recorded, tmp_p
     broken.write_bytes(whole[: hole[0]] + whole[hole[1] : end])
     done = recover(broken, tmp_path / "clean.mcap")
     _, frames = read(tmp_path / "clean.mcap")
-    assert any("are no whole record" in what for what in done.lost)
+    assert any("are not a complete record" in what for what in done.lost)
     assert set(frames) <= set(Run(recorded.path).frames())
     # Only what is of the one chunk, and of topics that are named there for the first time, is not there.
     assert sum(done.messages.values()) > 0.5 * sum(Run(recorded.path).log.contents.counts.values())
-    with pytest.warns(LogDamaged, match="cannot be read and are left out") as caught:
+    with pytest.warns(LogDamaged, match="cannot be read and are skipped") as caught:
         assert list(Run(broken).frames()) == frames
     assert len(caught) == 1
 
@@ -150,7 +150,7 @@ def test_a_log_that_was_cut_off_before_its_first_message_says_so(recorded, tmp_p
     assert (
         recover(broken, tmp_path / "clean.mcap")
         .lost[-1]
-        .startswith("the log was cut off: it ends before the first message; what the recorder had not yet")
+        .startswith("the log is truncated: it ends before the first message; ")
     )
 
 
@@ -177,7 +177,7 @@ def test_a_damaged_attachment_is_left_out_and_named(recorded, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "words"), [(MAGIC, "has nothing that is whole"), (b"hello", "is not an MCAP file"), (b"", "is empty")]
+    ("content", "words"), [(MAGIC, "has nothing intact"), (b"hello", "is not an MCAP file"), (b"", "is empty")]
 )
 def test_what_has_nothing_whole_is_refused_and_nothing_written(tmp_path, content, words):
     broken = tmp_path / "broken.mcap"

@@ -141,7 +141,7 @@ def test_what_was_cut_off_is_compared_up_to_there(reworked):
     log = reworked("five", lambda frame: [frame] if frame.time_ns < 40 * CYCLE_NS else [])
     plan = make_plan(Run(log), ["veh1.tracker"])
     assert [job.log.end for job in plan.jobs] == [39]
-    assert "the log is not whole: compared up to 0.39 s" in plan.notes
+    assert "the log is incomplete: compared up to 0.39 s" in plan.notes
 
 
 def test_another_class_than_the_benchs_own_is_not_compared_unasked(reworked):
@@ -157,7 +157,7 @@ def test_another_class_than_the_benchs_own_is_not_compared_unasked(reworked):
     ("options", "complaint"),
     [
         ({"names": []}, "give --all, or --ecu with one of veh1.planner, veh1.tracker"),
-        ({"names": ["tracker"]}, "--ecu tracker: want the name of an ECU"),
+        ({"names": ["tracker"]}, "--ecu tracker: not an ECU of this log"),
         ({"classes": ["driver=x:Y"]}, "--class driver=x:Y: want ROLE=CLASS with a role of tracker"),
         ({"classes": ["none.py:Y"]}, "ECU 'none.py:Y' cannot be loaded"),
         ({"tolerances": ["-1"]}, "--tolerance -1: want a number from 0 on"),

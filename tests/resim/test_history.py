@@ -2,11 +2,13 @@
 
 import threading
 from pathlib import Path
+from typing import Any
 
 from bench.bus.link.address import Address
 from bench.conductor.fault_desk import ask
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
+from bench.cycle import CYCLE_S
 from bench.record.reader import Run
 from bench.resim.history import read_history
 from bench.resim.plan import make_plan
@@ -20,7 +22,7 @@ CRASH = {"kind": "ecu_crash", "ecu": "veh2.tracker", "for_s": 0.1}
 
 def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
     out = tmp_path / "typed-in.mcap"
-    answers: list[dict[str, object]] = []
+    answers: list[dict[str, Any]] = []
 
     def type_in() -> None:
         answers.extend(ask("typed-in", fault) for fault in (FAULT, CRASH))
@@ -32,7 +34,7 @@ def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
             person.start()
 
     scenario = load(
-        "formation", ["duration_s=0.6", "vehicles=[{x_m=8,y_m=0,speed_mps=20},{x_m=0,y_m=3.5,speed_mps=22}]"]
+        "formation", ["duration_s=1.2", "vehicles=[{x_m=8,y_m=0,speed_mps=20},{x_m=0,y_m=3.5,speed_mps=22}]"]
     )
     run(RunOptions(scenario, address=Address.parse("direct"), out=out, command_line=["test"], on_progress=on_progress))
     person.join()
@@ -42,8 +44,10 @@ def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
     outcomes = rerun(out, tolerances=())
     assert [outcome.name for outcome in outcomes if not outcome.same] == []
     steps = {outcome.name: outcome.steps for outcome in outcomes}
-    assert steps.pop("veh2.tracker") == 50
-    assert set(steps.values()) == {60}
+    # On a busy machine the crash may begin late, and be cut short by the end of the run.
+    crash = round(answers[1]["at_s"] / CYCLE_S)
+    assert steps.pop("veh2.tracker") == max(crash, 120 - 10) < 120
+    assert set(steps.values()) == {120}
     # A log made of this one tells the same of the run.
     write(make_plan(Run(out), (), every=True, tolerances=()), outcomes, tmp_path / "again.mcap", "test")
     assert Run(tmp_path / "again.mcap").events == Run(out).events != []
