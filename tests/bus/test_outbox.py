@@ -7,6 +7,8 @@ from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import Outbox
 from bench.errors import BadInput
+from bench.faults.frames import FrameCorrupt, FrameLoss
+from bench.faults.plan import FaultPlan
 from tests.faults.sending import CODEC, CODECS, CYCLES, names, sent
 
 
@@ -32,6 +34,23 @@ def test_a_slow_message_goes_out_in_its_cycles_only() -> None:
 
 
 def test_a_bus_that_the_node_is_not_on_is_refused() -> None:
-    outbox = Outbox("veh1.tracker", {"veh1": open_link("veh1", Address.parse("direct"))}, CODECS)
-    with pytest.raises(BadInput, match=r"veh1\.tracker sends Reference on bus veh2; it is on veh1"):
+    links = {bus: open_link(bus, Address.parse("direct")) for bus in ("veh1", "v2v")}
+    outbox = Outbox("veh1.planner", links, CODECS)
+    with pytest.raises(BadInput, match=r"veh1\.planner sends Reference on bus veh2; it is on veh1, v2v$"):
         outbox.put("veh2", "Reference", {})
+
+
+@pytest.mark.parametrize(("kind", "announced"), [(FrameLoss, True), (FrameCorrupt, False)])
+def test_an_unprotected_frame_is_announced_where_it_does_not_come_not_where_it_is_damaged(
+    kind: type[FrameLoss | FrameCorrupt], announced: bool
+) -> None:
+    address = Address.parse("direct")
+    far, near = open_link("veh1", address), open_link("veh1", address)
+    fault = kind(at_s=0.0, bus="veh1", message="TrackerStatus")
+    outbox = Outbox("veh1.tracker", {"veh1": near}, CODECS, FaultPlan([fault]))
+    outbox.put("veh1", "TrackerStatus", {})
+    outbox.send(16)
+    ((can_id, data),) = far.receive()
+    assert can_id == CODEC.can_id("BenchAbsent" if announced else "TrackerStatus")
+    if announced:
+        assert CODEC.decode(can_id, data)[1]["AliveCounter"] == 1

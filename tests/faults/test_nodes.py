@@ -61,3 +61,13 @@ def test_a_babbling_idiot_takes_no_room_on_other_buses() -> None:
     assert idiot.starved("veh1", (0x300,), 37) == {0x300}
     assert idiot.starved("veh2", (0x300,), 37) == set()
     assert idiot.starved("v2v", (0x300,), 37) == set()
+
+
+def test_what_a_node_babbles_follows_from_the_plan() -> None:
+    idiot = BabblingIdiot(at_s=START / 100, node="veh1.tracker", identifier=0x80, frames_per_cycle=3)
+    other = BusOff(at_s=0.0, node="veh2.tracker")
+    came, plan = sent(other, idiot, seed=4), FaultPlan([other, idiot], 4)
+    for cycle in (START, START + 1):
+        babble = [data for name, _, data in came[cycle] if name == "0x080"]
+        assert babble == [*idiot.payloads(plan.chance(1, "veh1", 0x80, cycle))]
+        assert len(set(babble)) == 3
