@@ -18,6 +18,7 @@ What is found implausible is replaced by its other sources, and taken up again w
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.bus.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRONT, WHEELS_REAR
 from bench.bus.states import Cause
@@ -86,6 +87,18 @@ class OwnState:
         return math.hypot(self.v_x, self.v_y)
 
 
+class _Velocity(NamedTuple):
+    v_x: float
+    v_y: float
+    gamma: float
+
+
+class _Pose(NamedTuple):
+    x: float
+    y: float
+    yaw: float
+
+
 class _Trust:
     """Whether a signal is believed: not from its first disagreement on, until it has agreed for long enough."""
 
@@ -120,13 +133,13 @@ class OwnMotion:
         self._vehicle = vehicle
         self._trust = {name: _Trust() for name in (*_POSITION, "Yaw", *_MOTION, "FL", "FR", "RL", "RR")}
         self._limits = {name: limits_of("vehicle.dbc", name) for name in (POSITION, ATTITUDE, MOTION)}
-        self._pose: tuple[float, float, float] | None = None
-        self._reckoned = (0.0, 0.0, 0.0)
+        self._pose: _Pose | None = None
+        self._reckoned = _Pose(0.0, 0.0, 0.0)
         self._measured_position: tuple[float, float] | None = None
         self._measured_yaw: float | None = None
         self._moved: tuple[float, float] | None = None
         self._slip_errors = [0.0, 0.0]
-        self._velocity = (0.0, 0.0, 0.0)
+        self._velocity = _Velocity(0.0, 0.0, 0.0)
         self._timeouts = {name: timeout_cycles("vehicle.dbc", name) for name in SENSORS}
         self._missing = dict.fromkeys(SENSORS, 0)
         self._blind = 0
@@ -135,8 +148,8 @@ class OwnMotion:
     def start_from(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Know where the vehicle is in the first cycle, before any sensor has told (m, m, rad, m/s)."""
         back = CYCLE_S * speed
-        self._pose = self._reckoned = (x - back * math.cos(yaw), y - back * math.sin(yaw), yaw)
-        self._velocity = (speed, 0.0, 0.0)
+        self._pose = self._reckoned = _Pose(x - back * math.cos(yaw), y - back * math.sin(yaw), yaw)
+        self._velocity = _Velocity(speed, 0.0, 0.0)
 
     def update(self, frames: Mapping[str, Signals | None], cycles: int = 1) -> OwnState | None:
         """Take in one cycle's sensor frames; the own motion in that cycle.
@@ -151,16 +164,16 @@ class OwnMotion:
         attitude, attitude_fine = self._in_range(frames, ATTITUDE, ("Yaw",))
         motion, motion_fine = self._in_range(frames, MOTION, _MOTION)
         front, rear = frames[WHEELS_FRONT], frames[WHEELS_REAR]
-        v_x, v_y, gamma = self._velocities(position, attitude, motion, front, rear)
+        velocity = self._velocities(position, attitude, motion, front, rear)
         seen = motion is not None or (front is not None and rear is not None)
         self._blind = 0 if seen else self._blind + cycles
-        self._reckon((v_x, v_y, gamma), position, attitude, cycles * CYCLE_S)
-        self._velocity = (v_x, v_y, gamma)
+        self._reckon(velocity, position, attitude, cycles * CYCLE_S)
+        self._velocity = velocity
         self._measured_position = None if position is None else (position["X"], position["Y"])
         self._measured_yaw = None if attitude is None else attitude["Yaw"]
         # As long as its timeout a velocity may be held when nothing at all tells it.
         known = self._pose is not None and self._blind <= self._timeouts[MOTION]
-        self.state = OwnState(*self._pose, v_x, v_y, gamma) if self._pose is not None and known else None
+        self.state = OwnState(*self._pose, *velocity) if self._pose is not None and known else None
         self._missing = {name: count + 1 if frames[name] is None else 0 for name, count in self._missing.items()}
         self.cause = self._cause(known, in_range=position_fine and attitude_fine and motion_fine)
         return self.state
@@ -179,8 +192,8 @@ class OwnMotion:
         motion: Signals | None,
         front: Signals | None,
         rear: Signals | None,
-    ) -> tuple[float, float, float]:
-        """v_x, v_y, gamma: as measured where they are believed, else from their other sources."""
+    ) -> _Velocity:
+        """As measured where they are believed, else from their other sources."""
         gamma = self._yaw_rate(attitude, motion, front, rear)
         along, across = self._from_positions(position)
         v_x = self._longitudinal(motion, along, self._wheel_speed(gamma, front, rear))
@@ -188,8 +201,8 @@ class OwnMotion:
             self._vehicle.l_r
             - self._vehicle.M * self._vehicle.l_f * v_x**2 / (2.0 * self._vehicle.L * self._vehicle.C_r)
         )
-        v_y = self._voted("VelocityY", motion, across, steady, VELOCITY_Y_MPS, self._velocity[1])
-        return v_x, steady if v_y is None else v_y, gamma
+        v_y = self._voted("VelocityY", motion, across, steady, VELOCITY_Y_MPS, self._velocity.v_y)
+        return _Velocity(v_x, steady if v_y is None else v_y, gamma)
 
     def _yaw_rate(
         self, attitude: Signals | None, motion: Signals | None, front: Signals | None, rear: Signals | None
@@ -197,7 +210,7 @@ class OwnMotion:
         turned = None
         if attitude is not None and self._measured_yaw is not None:
             turned = math.remainder(attitude["Yaw"] - self._measured_yaw, 2.0 * math.pi) / CYCLE_S
-        before = self._velocity[2]
+        before = self._velocity.gamma
         gamma = self._voted("YawRate", motion, turned, before, YAW_RATE_RADPS, before)
         if gamma is not None:
             return gamma
@@ -209,10 +222,10 @@ class OwnMotion:
         return before
 
     def _longitudinal(self, motion: Signals | None, along: float | None, rolling: float | None) -> float:
-        v_x = self._voted("VelocityX", motion, along, rolling, VELOCITY_X_MPS, self._velocity[0])
+        v_x = self._voted("VelocityX", motion, along, rolling, VELOCITY_X_MPS, self._velocity.v_x)
         if v_x is not None:
             return v_x
-        return self._velocity[0] if rolling is None else rolling
+        return self._velocity.v_x if rolling is None else rolling
 
     def _voted(
         self,
@@ -242,7 +255,7 @@ class OwnMotion:
             return None, None
         dx, dy = (position["X"] - before[0]) / CYCLE_S, (position["Y"] - before[1]) / CYCLE_S
         self._moved = (dx, dy)
-        yaw = self._pose[2] + 0.5 * CYCLE_S * self._velocity[2]
+        yaw = self._pose.yaw + 0.5 * CYCLE_S * self._velocity.gamma
         c, s = math.cos(yaw), math.sin(yaw)
         return c * dx + s * dy, c * dy - s * dx
 
@@ -263,7 +276,7 @@ class OwnMotion:
 
     def _reckon(
         self,
-        velocity: tuple[float, float, float],
+        velocity: _Velocity,
         position: Signals | None,
         attitude: Signals | None,
         elapsed_s: float,
@@ -271,14 +284,14 @@ class OwnMotion:
         """Go on with dead reckoning, and compare the measured pose with it."""
         if self._pose is None:
             if position is not None and attitude is not None:
-                self._pose = (position["X"], position["Y"], attitude["Yaw"])
+                self._pose = _Pose(position["X"], position["Y"], attitude["Yaw"])
                 self._reckoned = self._pose
             return
         v_x, v_y, gamma = velocity
         x, y, yaw = self._reckoned
-        yaw_now = yaw + elapsed_s * 0.5 * (self._velocity[2] + gamma)
+        yaw_now = yaw + elapsed_s * 0.5 * (self._velocity.gamma + gamma)
         middle = 0.5 * (yaw + yaw_now)
-        along, across = 0.5 * (self._velocity[0] + v_x), 0.5 * (self._velocity[1] + v_y)
+        along, across = 0.5 * (self._velocity.v_x + v_x), 0.5 * (self._velocity.v_y + v_y)
         x += elapsed_s * (along * math.cos(middle) - across * math.sin(middle))
         y += elapsed_s * (along * math.sin(middle) + across * math.cos(middle))
         self._way += elapsed_s * abs(along)
@@ -295,14 +308,14 @@ class OwnMotion:
         y, y_used, y_good = self._compare("Y", y, None if position is None else position["Y"], reach)
         if x_good and y_good:
             self._way = 0.0
-        self._reckoned = (x, y, yaw_now)
-        self._pose = (x_used, y_used, yaw_used)
+        self._reckoned = _Pose(x, y, yaw_now)
+        self._pose = _Pose(x_used, y_used, yaw_used)
 
     def _yaw_rate_is_wrong(self, reckoned: float, seen: float, v_y: float) -> bool:
         """Whether yaw (rad) and yaw rate contradict each other and the positions side with the yaw."""
         if self._moved is not None:
             dx, dy = self._moved
-            back = 0.5 * CYCLE_S * self._velocity[2]
+            back = 0.5 * CYCLE_S * self._velocity.gamma
             for index, yaw in enumerate((seen - back, reckoned - back)):
                 error = math.cos(yaw) * dy - math.sin(yaw) * dx - v_y
                 self._slip_errors[index] += YAW_SMOOTHING * (abs(error) - self._slip_errors[index])
