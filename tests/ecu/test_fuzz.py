@@ -1,4 +1,4 @@
-"""A million random and mutated frames at every participant: nothing breaks, no wrong CRC gets in."""
+"""Random and mutated frames at every participant: nothing breaks, no wrong CRC gets in."""
 
 import random
 from collections.abc import Iterator
@@ -19,10 +19,10 @@ from bench.faults.plan import FaultPlan
 from bench.plant.main import make_nodes
 from bench.scenario import load
 from platoon_fmu.build import default_fmu
+from tests.conftest import Tries
 
 SCENARIO = load("formation")
 CODECS = load_codecs(len(SCENARIO.vehicles))
-FRAMES = 1_000_000
 CYCLES = 400
 PARTICIPANTS = ("planner", "tracker", "plant")
 
@@ -112,8 +112,9 @@ def is_whole(codec: Codec, can_id: int, data: bytes) -> bool:
 
 
 @pytest.mark.parametrize("role", PARTICIPANTS)
-def test_nothing_breaks_a_participant(role: str, stack: ExitStack) -> None:
+def test_nothing_breaks_a_participant(role: str, stack: ExitStack, tries: Tries) -> None:
     """It goes on cycle after cycle, and sends only frames of the DBC, all of them whole."""
+    frames_a_cycle = tries(100_000, 1_000_000) // CYCLES
     victim = Victim(role, stack)
     dice = random.Random(20200101)
     answered = 0
@@ -125,7 +126,7 @@ def test_nothing_breaks_a_participant(role: str, stack: ExitStack) -> None:
         victim.sync(cycle)
         for bus, can_id, data in good:
             victim.far[bus].send(can_id, data)
-        for number in range(FRAMES // CYCLES):
+        for number in range(frames_a_cycle):
             bus = victim.buses[number % len(victim.buses)]
             can_id, data = garbage(dice, CODECS[bus], by_bus[bus] or [(0x100, bytes(8))])
             if can_id not in bench:
@@ -142,15 +143,15 @@ def test_nothing_breaks_a_participant(role: str, stack: ExitStack) -> None:
 
 
 @pytest.mark.parametrize("role", PARTICIPANTS)
-def test_no_frame_with_a_wrong_crc_is_taken(role: str, stack: ExitStack) -> None:
+def test_no_frame_with_a_wrong_crc_is_taken(role: str, stack: ExitStack, tries: Tries) -> None:
     """Of random frames the receiver takes at most those whose CRC is right by chance, one in 256."""
     victim = Victim(role, stack)
     inbox = victim.node._inbox  # type: ignore[attr-defined]
     dice = random.Random(20200102)
     inputs = {(slot.topic.bus, can_id) for bus in inbox._buses for can_id, slot in bus.slots.items()}
     targets = sorted(target for target in inputs if target[1] != 0x010)
-    whole = 0
-    for _ in range(100_000):
+    count, whole = tries(20_000, 100_000), 0
+    for _ in range(count):
         bus, can_id = dice.choice(targets)
         data = dice.randbytes(8)
         whole += is_whole(CODECS[bus], can_id, data)
@@ -158,5 +159,5 @@ def test_no_frame_with_a_wrong_crc_is_taken(role: str, stack: ExitStack) -> None
     while inbox.drain():
         pass
     refused = sum(bus.errors for bus in inbox._buses)
-    assert whole == pytest.approx(100_000 / 256 * 15 / 16, rel=0.25)
-    assert 100_000 - refused <= whole
+    assert whole == pytest.approx(count / 256 * 15 / 16, rel=0.4)
+    assert count - refused <= whole

@@ -1,10 +1,12 @@
 """No single fault makes vehicles collide, and what can be told is told: a sample of the table in docs/faults.md.
 
+In all of the table but three cases vehicles come nearest to each other within 1.5 s, so the short form runs for 3 s.
 The whole table: `.venv/bin/python -m tests.integration.single_faults`.
 """
 
 import pytest
 
+from tests.conftest import Tries
 from tests.integration.single_faults import KINDS, SAFE_DISTANCE_M, Case, examine
 
 SAMPLE = [
@@ -26,8 +28,8 @@ SAMPLE = [
 
 
 @pytest.mark.parametrize("case", SAMPLE, ids=lambda case: f"{case.name}, vehicle {case.vehicle}, {case.at_s} s")
-def test_vehicles_stay_apart_and_the_fault_is_told(case: Case) -> None:
-    outcome = examine(case)
+def test_vehicles_stay_apart_and_the_fault_is_told(case: Case, tries: Tries) -> None:
+    outcome = examine(case, duration_s=tries(3, 10))
     assert outcome.least_m > SAFE_DISTANCE_M, outcome
     within = KINDS[case.name][1]
     assert outcome.detected is not None

@@ -115,7 +115,7 @@ def test_what_cannot_be_read_is_refused(tmp_path, name):
         Run(tmp_path / name)
 
 
-def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_chunk_after_one_warning(recorded, tmp_path):
+def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_chunk_after_one_warning(recorded, tmp_path, tries):
     whole = recorded.path.read_bytes()
     with recorded.path.open("rb") as stream:
         chunks = make_reader(stream).get_summary().chunk_indexes
@@ -129,7 +129,7 @@ def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_chunk_after_one_warning
     frames_until = frames_until[1:]
     assert frames_until[0] < frames_until[-1] == len(recorded.frames)
     generator = random.Random(5)
-    cuts = {len(MAGIC), *(generator.randrange(len(MAGIC), len(whole) - 1) for _ in range(60))}
+    cuts = {len(MAGIC), *(generator.randrange(len(MAGIC), len(whole) - 1) for _ in range(tries(15, 60)))}
     cuts |= {end + shift for end in ends for shift in (-1, 0, 1, 30)}
     path = tmp_path / "cut.mcap"
     for cut in sorted(cuts):
@@ -140,13 +140,13 @@ def test_a_log_cut_anywhere_is_read_up_to_its_last_whole_chunk_after_one_warning
         assert [warning.category for warning in caught] == [LogDamaged], cut
 
 
-def test_flipped_bytes_never_give_wrong_data_nor_a_traceback(recorded, tmp_path):
+def test_flipped_bytes_never_give_wrong_data_nor_a_traceback(recorded, tmp_path, tries):
     whole = recorded.path.read_bytes()
     known = set(recorded.frames)
     generator = random.Random(6)
     path = tmp_path / "flipped.mcap"
-    refused = 0
-    for _ in range(150):
+    count, refused = tries(40, 150), 0
+    for _ in range(count):
         damaged = bytearray(whole)
         for _ in range(generator.choice([1, 1, 5, 50])):
             damaged[generator.randrange(len(damaged))] ^= 1 << generator.randrange(8)
@@ -159,7 +159,7 @@ def test_flipped_bytes_never_give_wrong_data_nor_a_traceback(recorded, tmp_path)
         # Topics and schemas are not covered by a checksum: a bus may come back under another name, its bytes may not.
         assert {frame[2:] for frame in frames} <= {frame[2:] for frame in known}
         assert len(caught) <= 1
-    assert refused < 75
+    assert refused < count // 2
 
 
 def test_lengths_in_the_file_are_not_believed(recorded, tmp_path):
