@@ -1,37 +1,59 @@
-"""The command `platoon` as a user calls it: in a process of its own, by its output and its exit code."""
+"""The command `platoon` as a user calls it, by its output and its exit code: in a process of its own.
+
+What is refused before anything starts is so in this process.
+"""
 
 import json
 import os
 import subprocess
 import sys
 import tomllib
+import warnings
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from bench.cli.main import main
 from bench.faults.kinds import kinds
 from bench.scenario import load, shipped
 
 ROOT = Path(__file__).parents[2]
+TERMINAL = {"COLUMNS": "200", "NO_COLOR": "1"}
 SHORT = ["--can", "direct", "--set", "duration_s=0.2"]
 
 
 def platoon(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Call the command in a directory; no colours, a wide terminal."""
-    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
+    environment = {**os.environ, **TERMINAL, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "bench.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=environment, timeout=300)
 
 
-def refused(*arguments: str, cwd: Path) -> str:
-    """Call the command, which must end with exit code 2, one message and nothing written; return the message."""
-    before = sorted(cwd.rglob("*"))
-    done = platoon(*arguments, cwd=cwd)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert "Traceback" not in done.stderr
-    assert sorted(cwd.rglob("*")) == before
-    return done.stderr
+@pytest.fixture
+def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Call the command in this process.
+
+    It must end with exit code 2, one message and nothing written; returns the message.
+    """
+    for name, value in {**TERMINAL, "OPENBLAS_NUM_THREADS": "1"}.items():
+        monkeypatch.setenv(name, value)
+    # The command sets it for its own process.
+    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
+
+    def call(*arguments: str, cwd: Path) -> str:
+        monkeypatch.chdir(cwd)
+        monkeypatch.setattr(sys, "argv", ["platoon", *arguments])
+        before = sorted(cwd.rglob("*"))
+        with pytest.raises(SystemExit) as ended:
+            main()
+        shown = capsys.readouterr()
+        assert ended.value.code == 2, shown.out + shown.err
+        assert sorted(cwd.rglob("*")) == before
+        return shown.err
+
+    return call
 
 
 @pytest.fixture(scope="module")
@@ -120,12 +142,20 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--no-such-option"], "No such option"),
     ],
 )
-def test_bad_input_to_run_ends_with_2_before_anything_starts(arguments, message, tmp_path):
+def test_bad_input_to_run_ends_with_2_before_anything_starts(arguments, message, tmp_path, refused):
     (tmp_path / "logs").mkdir()
     assert message in refused("run", *arguments, cwd=tmp_path)
 
 
-def test_a_scenario_file_is_refused_by_name_and_line(tmp_path):
+def test_what_is_refused_ends_its_process_with_2(tmp_path):
+    done = platoon("run", "formtion", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "Did you mean formation?" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_file_is_refused_by_name_and_line(tmp_path, refused):
     scenario = tmp_path / "mine.toml"
     scenario.write_text(load("formation").toml().replace("gap_m = 10.0", 'gap_m = "10 m"'))
     line = 1 + scenario.read_text().splitlines().index('gap_m = "10 m"')
@@ -134,7 +164,7 @@ def test_a_scenario_file_is_refused_by_name_and_line(tmp_path):
     assert f'line {line}: platoon.gap_m = "10 m" is not allowed' in message
 
 
-def test_a_log_that_is_there_is_never_overwritten(platoon_log):
+def test_a_log_that_is_there_is_never_overwritten(platoon_log, refused):
     log, _ = platoon_log
     before = log.read_bytes()
     assert "run.mcap already exists" in refused("run", *SHORT, "--out", "run.mcap", cwd=log.parent)
@@ -181,14 +211,14 @@ def test_vehicles_that_came_too_near_each_other_fail_the_run(tmp_path):
     assert "where 4 m is the least" in done.stderr
 
 
-def test_a_report_never_takes_the_place_of_a_log(platoon_log, tmp_path):
+def test_a_report_never_takes_the_place_of_a_log(platoon_log, tmp_path, refused):
     log, _ = platoon_log
     before = log.read_bytes()
     assert "want a name that ends in .html" in refused("report", str(log), "-o", str(log), cwd=tmp_path)
     assert log.read_bytes() == before
 
 
-def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path):
+def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path, refused):
     (tmp_path / "file").touch()
     for place in ("file", "file/inside", "/proc/inside"):
         message = refused("fmu", "build", "-o", place, cwd=tmp_path)
@@ -196,7 +226,7 @@ def test_fmu_build_refuses_a_place_it_cannot_write_to_before_it_builds(tmp_path)
         assert "generating" not in message
 
 
-def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path):
+def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path, refused):
     done = platoon("fmu", "build", "--fmi", "3", "--platform", "native", "-o", "here", cwd=tmp_path)
     assert done.stdout.split() == ["here/Vehicle_FMI3.fmu"]
     generating, compiling = done.stderr.splitlines()
@@ -206,13 +236,13 @@ def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path):
     assert "--fmi" in refused("fmu", "build", "--fmi", "4", cwd=tmp_path)
 
 
-def test_fmu_info_of_another_archive_is_refused(tmp_path):
+def test_fmu_info_of_another_archive_is_refused(tmp_path, refused):
     with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", "<foo/>")
     assert "other.fmu is no FMU" in refused("fmu", "info", "other.fmu", cwd=tmp_path)
 
 
-def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path):
+def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path, refused):
     log, _ = platoon_log
     done = platoon("report", str(log), "-o", "mine.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -233,7 +263,7 @@ def test_diff_tells_the_same_run_from_another(platoon_log, tmp_path):
 
 
 @pytest.mark.parametrize("command", [["metrics"], ["report"], ["diff", "garbage.mcap"]])
-def test_what_is_no_log_is_refused(command, tmp_path):
+def test_what_is_no_log_is_refused(command, tmp_path, refused):
     (tmp_path / "garbage.mcap").write_bytes(b"garbage" * 100)
     (tmp_path / "empty.mcap").touch()
     assert "is not there" in refused(*command, "missing.mcap", cwd=tmp_path) or command[0] == "diff"
@@ -245,7 +275,7 @@ def test_what_is_no_log_is_refused(command, tmp_path):
 # the rest
 
 
-def test_scenarios_lists_and_prints_the_shipped_ones(tmp_path):
+def test_scenarios_lists_and_prints_the_shipped_ones(tmp_path, refused):
     listed = platoon("scenarios", cwd=tmp_path).stdout
     for name in shipped():
         assert f"{name} " in listed
@@ -254,7 +284,7 @@ def test_scenarios_lists_and_prints_the_shipped_ones(tmp_path):
     assert "shipped are" in refused("scenarios", "six", cwd=tmp_path)
 
 
-def test_fmu_is_built_checked_and_described(tmp_path):
+def test_fmu_is_built_checked_and_described(tmp_path, refused):
     assert platoon("fmu", "build", "-o", "here", cwd=tmp_path).returncode == 0
     fmu = "here/Vehicle.fmu"
     assert "no problems found" in platoon("fmu", "validate", fmu, cwd=tmp_path).stdout
@@ -276,7 +306,7 @@ def test_fmu_is_built_checked_and_described(tmp_path):
         (["steward", "--vehicle", "1", "--can", "udp:45000"], "steward"),
     ],
 )
-def test_bad_input_to_ecu_ends_with_2(arguments, message, tmp_path):
+def test_bad_input_to_ecu_ends_with_2(arguments, message, tmp_path, refused):
     assert message in refused("ecu", *arguments, cwd=tmp_path)
 
 
@@ -300,7 +330,7 @@ def test_fault_lists_every_kind_with_its_keys(tmp_path):
         (["ice_patch", "--run", "no-such-run"], "no bench that runs has 'no-such-run' in its name"),
     ],
 )
-def test_bad_input_to_fault_ends_with_2(arguments, message, tmp_path):
+def test_bad_input_to_fault_ends_with_2(arguments, message, tmp_path, refused):
     assert message in refused("fault", *arguments, cwd=tmp_path)
 
 
