@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import fcntl
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-Tries = Callable[[int, int], int]
+Tries = Callable[[Any, Any], Any]
 Once = Callable[[str, Callable[[Path], object]], Path]
 
 
@@ -39,3 +42,16 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session")
+def c_tracker(once: Once) -> Path:
+    """The tracker in C that ships as an example, built."""
+
+    def build(folder: Path) -> None:
+        source = Path(__file__).parents[1] / "bench" / "examples" / "tracker"
+        make = ["make", "-C", str(source), f"BUILD={folder}", f"PYTHON={sys.executable}"]
+        done = subprocess.run(make, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+    return once("c-tracker", build) / "tracker"

@@ -11,6 +11,7 @@ import pytest
 from platoon_fmu.build import build
 from platoon_fmu.importer import Instance, Kind, OpenFmu, opened
 from platoon_fmu.versions import FMI2, FMI3
+from tests.conftest import Once
 
 WHEELS = ("fl", "rl", "rr", "fr")
 
@@ -59,15 +60,15 @@ def car_class() -> type[Car]:
 
 
 @pytest.fixture(scope="session")
-def fmu_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmu_path(once: Once) -> Path:
     """The FMU for FMI 2.0."""
-    return build(tmp_path_factory.mktemp("fmu"), version=FMI2)
+    return next(once("fmu2", lambda folder: build(folder, version=FMI2)).glob("*.fmu"))
 
 
 @pytest.fixture(scope="session")
-def fmu3_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fmu3_path(once: Once) -> Path:
     """The FMU for FMI 3.0."""
-    return build(tmp_path_factory.mktemp("fmu3"), version=FMI3)
+    return next(once("fmu3", lambda folder: build(folder, version=FMI3)).glob("*.fmu"))
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,11 @@
 """The binaries for all platforms: what they export and need, that they are reproducible, and that they drive alike.
 
-The FMUs with all platforms are built once for the whole run of the tests; where zig has never compiled for Windows on
-this machine, that takes two minutes.
+The FMUs are built once for the whole run of the tests: in `make test` for all platforms but Windows, for which zig
+takes minutes where it has never done so on this machine, and in `make nightly` for all.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import re
@@ -31,19 +30,24 @@ from platoon_fmu.compilers import PLATFORMS, compilers
 from platoon_fmu.errors import FmuError
 from platoon_fmu.universal import universal_binary
 from platoon_fmu.versions import FMI2, FMI3, Version
+from tests.conftest import Once
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"
 LINUX = ("x86_64-linux", "aarch64-linux")
 DARWIN = ("x86_64-darwin", "aarch64-darwin")
+WINDOWS = "x86_64-windows"
+QUICK = tuple(name for name in PLATFORMS if name != WINDOWS)
 VERSIONS = [pytest.param(version, id=f"fmi{version.name}") for version in (FMI2, FMI3)]
+NIGHTLY_VERSIONS = [pytest.param(*each.values, id=each.id, marks=pytest.mark.nightly) for each in VERSIONS]
 
 
 @dataclass(frozen=True)
 class Built:
-    """An FMU with all platforms."""
+    """An FMU for several platforms."""
 
     version: Version
     path: Path
+    platforms: tuple[str, ...]
 
     def read(self, member: str) -> bytes:
         with zipfile.ZipFile(self.path) as archive:
@@ -56,46 +60,76 @@ class Built:
         return next(iter(slices(content).values())) if content.startswith(b"\xca\xfe\xba\xbe") else content
 
 
+def both_versions(once: Once, name: str, platforms: tuple[str, ...]) -> dict[Version, Built]:
+    folders = {
+        version: once(f"{name}-{version.name}", lambda f, v=version: builder.build(f, version=v, platforms=platforms))
+        for version in (FMI2, FMI3)
+    }
+    return {version: Built(version, next(folder.glob("*.fmu")), platforms) for version, folder in folders.items()}
+
+
 @pytest.fixture(scope="session")
-def all_platforms(tmp_path_factory: pytest.TempPathFactory) -> Mapping[Version, Built]:
-    """Both versions, built by the first worker of pytest-xdist that asks for them."""
-    base = tmp_path_factory.getbasetemp()
-    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
-    with (shared / "all-platforms.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        folder = shared / "all-platforms"
-        versions = (FMI2, FMI3)
-        return {v: Built(v, builder.build(folder, version=v, platforms=tuple(PLATFORMS))) for v in versions}
+def quick(once: Once) -> Mapping[Version, Built]:
+    """Both versions, for all platforms but Windows."""
+    return both_versions(once, "quick-platforms", QUICK)
 
 
-@pytest.fixture(params=VERSIONS)
-def built(request: pytest.FixtureRequest, all_platforms: Mapping[Version, Built]) -> Built:
+@pytest.fixture(scope="session")
+def all_platforms(once: Once) -> Mapping[Version, Built]:
+    """Both versions, for all platforms."""
+    return both_versions(once, "all-platforms", tuple(PLATFORMS))
+
+
+@pytest.fixture(scope="session")
+def native(fmu_path: Path, fmu3_path: Path) -> Mapping[Version, Path]:
+    """The FMUs for this platform."""
+    return {FMI2: fmu_path, FMI3: fmu3_path}
+
+
+@pytest.fixture(params=NIGHTLY_VERSIONS)
+def complete(request: pytest.FixtureRequest, all_platforms: Mapping[Version, Built]) -> Built:
+    """The FMU for all platforms, for each version in turn."""
     return all_platforms[request.param]
+
+
+@pytest.fixture(
+    params=[
+        *VERSIONS,
+        *(pytest.param(*each.values, id=f"{each.id}-all", marks=each.marks) for each in NIGHTLY_VERSIONS),
+    ]
+)
+def built(request: pytest.FixtureRequest) -> Built:
+    """The FMU for most platforms, and in the long form for all, for each version in turn."""
+    every = request.node.get_closest_marker("nightly") is not None
+    found: Mapping[Version, Built] = request.getfixturevalue("all_platforms" if every else "quick")
+    return found[request.param]
 
 
 # ---- what is in the FMU ----
 
 
-def test_one_fmu_holds_all_platforms_and_is_valid(built):
+def test_one_fmu_holds_its_platforms_and_is_valid(built):
     with zipfile.ZipFile(built.path) as archive:
         binaries = {name for name in archive.namelist() if name.startswith("binaries/")}
     if built.version is FMI2:
-        folders = {"linux64": ".so", "win64": ".dll", "darwin64": ".dylib", "aarch64-linux": ".so"}
-        folders["aarch64-darwin"] = ".dylib"
+        folders = {"linux64": ".so", "darwin64": ".dylib", "aarch64-linux": ".so", "aarch64-darwin": ".dylib"}
+        folders |= {"win64": ".dll"} if WINDOWS in built.platforms else {}
     else:
-        folders = {name: platform.suffix for name, platform in PLATFORMS.items()}
+        folders = {name: PLATFORMS[name].suffix for name in built.platforms}
     assert binaries == {f"binaries/{folder}/Vehicle{suffix}" for folder, suffix in folders.items()}
     assert validate_fmu(str(built.path)) == []
-    assert {"linux64", "win64", "darwin64"} <= set(fmpy.supported_platforms(str(built.path)))
+    expected = {"linux64", "darwin64"} | ({"win64"} if WINDOWS in built.platforms else set())
+    assert expected <= set(fmpy.supported_platforms(str(built.path)))
 
 
-def test_the_fmu_with_all_platforms_is_small(built):
+def test_the_fmu_is_small(built):
     assert built.path.stat().st_size < 1_500_000
 
 
 def test_the_licenses_of_what_the_compiler_adds_are_inside(built):
     assert b"Permission is hereby granted" in built.read("documentation/licenses/zig.txt")
-    assert b"Zope Public License" in built.read("documentation/licenses/mingw-w64.txt")
+    if WINDOWS in built.platforms:
+        assert b"Zope Public License" in built.read("documentation/licenses/mingw-w64.txt")
 
 
 # ---- exports and needs ----
@@ -238,16 +272,15 @@ def exported(platform: str, content: bytes, folder: Path) -> set[str]:
     return Pe(content).exports()
 
 
-@pytest.mark.parametrize("platform", PLATFORMS)
-def test_the_standards_functions_are_exported_and_nothing_else(built, platform, tmp_path):
-    assert exported(platform, built.binary(platform), tmp_path) == declared(built.version)
+def test_the_standards_functions_are_exported_and_nothing_else(built, tmp_path):
+    for platform in built.platforms:
+        assert exported(platform, built.binary(platform), tmp_path) == declared(built.version), platform
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads an ELF binary")
 @pytest.mark.parametrize("version", VERSIONS)
-def test_the_native_binary_exports_the_standards_functions_and_nothing_else(version, tmp_path):
-    fmu = builder.build(tmp_path, version=version)
-    with zipfile.ZipFile(fmu) as archive:
+def test_the_native_binary_exports_the_standards_functions_and_nothing_else(version, native, tmp_path):
+    with zipfile.ZipFile(native[version]) as archive:
         (name,) = [name for name in archive.namelist() if name.startswith("binaries/")]
         assert elf_exports(archive.read(name), tmp_path) == declared(version)
 
@@ -264,8 +297,8 @@ def test_linux_binaries_need_an_old_c_library_only(built, platform, tmp_path):
     assert max(tuple(map(int, number.split("."))) for _, number in versions) <= (2, 17)
 
 
-def test_the_windows_binary_needs_windows_only(built):
-    needs = {name.lower() for name in Pe(built.binary("x86_64-windows")).needs()}
+def test_the_windows_binary_needs_windows_only(complete):
+    needs = {name.lower() for name in Pe(complete.binary(WINDOWS)).needs()}
     assert "kernel32.dll" in needs
     assert {name for name in needs if not name.startswith("api-ms-win-crt-")} == {"kernel32.dll"}
 
@@ -298,8 +331,8 @@ def assert_signed(content: bytes) -> None:
         assert hashlib.sha256(page).digest() == content[at : at + size]
 
 
-def test_fmi2_has_one_signed_binary_for_both_of_macos_processors(all_platforms):
-    fmu = all_platforms[FMI2]
+def test_fmi2_has_one_signed_binary_for_both_of_macos_processors(quick):
+    fmu = quick[FMI2]
     both = slices(fmu.read("binaries/darwin64/Vehicle.dylib"))
     assert set(both) == {0x01000007, 0x0100000C}  # x86-64, arm64
     assert all(MachO(content).processor == processor for processor, content in both.items())
@@ -307,8 +340,8 @@ def test_fmi2_has_one_signed_binary_for_both_of_macos_processors(all_platforms):
     assert_signed(both[0x0100000C])
 
 
-def test_fmi3_binary_for_apples_processors_is_signed(all_platforms):
-    content = all_platforms[FMI3].binary("aarch64-darwin")
+def test_fmi3_binary_for_apples_processors_is_signed(quick):
+    content = quick[FMI3].binary("aarch64-darwin")
     assert_signed(content)
     broken = bytearray(content)
     broken[5000] ^= 1
@@ -316,30 +349,36 @@ def test_fmi3_binary_for_apples_processors_is_signed(all_platforms):
         assert_signed(bytes(broken))
 
 
-def test_a_universal_binary_is_made_of_mach_o_only(all_platforms):
-    library = all_platforms[FMI3].binary("x86_64-darwin")
+def test_a_universal_binary_is_made_of_mach_o_only(quick):
+    library = quick[FMI3].binary("x86_64-darwin")
     assert universal_binary([library]) == library
     with pytest.raises(ValueError, match="no 64-bit Mach-O"):
-        universal_binary([library, all_platforms[FMI3].binary("x86_64-linux")])
+        universal_binary([library, quick[FMI3].binary("x86_64-linux")])
 
 
 # ---- reproducible ----
 
 
-def test_all_platforms_built_twice_give_the_same_bytes(built, tmp_path):
-    again = builder.build(tmp_path / "else where", version=built.version, platforms=tuple(PLATFORMS))
-    assert again.read_bytes() == built.path.read_bytes()
+def test_all_platforms_built_twice_give_the_same_bytes(complete, tmp_path):
+    again = builder.build(tmp_path / "else where", version=complete.version, platforms=complete.platforms)
+    assert again.read_bytes() == complete.path.read_bytes()
 
 
+def test_another_directory_gives_the_same_binary(quick, tmp_path):
+    fmu = Built(FMI3, builder.build(tmp_path / "else where", version=FMI3, platforms=DARWIN[1:]), DARWIN[1:])
+    assert fmu.binary(DARWIN[1]) == quick[FMI3].binary(DARWIN[1])
+
+
+@pytest.mark.nightly
 @pytest.mark.parametrize("platform", ["aarch64-linux", "aarch64-darwin"])
-def test_fresh_caches_and_another_directory_give_the_same_binary(all_platforms, platform, tmp_path, monkeypatch):
+def test_fresh_caches_and_another_directory_give_the_same_binary(quick, platform, tmp_path, monkeypatch):
     for name in ("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"):
         monkeypatch.setenv(name, str(tmp_path / name))
     (tmp_path / "temporary").mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "temporary"))
-    fmu = Built(FMI3, builder.build(tmp_path / "built", version=FMI3, platforms=[platform]))
+    fmu = Built(FMI3, builder.build(tmp_path / "built", version=FMI3, platforms=[platform]), (platform,))
     assert any((tmp_path / "ZIG_GLOBAL_CACHE_DIR").rglob("*"))
-    assert fmu.binary(platform) == all_platforms[FMI3].binary(platform)
+    assert fmu.binary(platform) == quick[FMI3].binary(platform)
 
 
 def test_the_named_platform_takes_precedence_over_native(monkeypatch):
@@ -425,11 +464,10 @@ def here(drive: Callable[..., np.ndarray]) -> np.ndarray:
     return values
 
 
-def test_the_native_binary_drives_as_the_portable_one_does(built, drive, here, tmp_path):
-    fmu = builder.build(tmp_path / "native", version=built.version)
-    native = Built(built.version, fmu).binary("x86_64-linux")
-    assert native != built.binary("x86_64-linux")
-    np.testing.assert_array_equal(drive("x86_64-linux", binary=native), here)
+def test_the_native_binary_drives_as_the_portable_one_does(built, native, drive, here):
+    binary = Built(built.version, native[built.version], ("x86_64-linux",)).binary("x86_64-linux")
+    assert binary != built.binary("x86_64-linux")
+    np.testing.assert_array_equal(drive("x86_64-linux", binary=binary), here)
 
 
 def test_aarch64_drives_as_x86_64_does_bit_by_bit(drive, here):
@@ -445,8 +483,10 @@ def test_aarch64_drives_as_x86_64_does_bit_by_bit(drive, here):
         np.testing.assert_allclose(there, here, rtol=1e-12, atol=1e-12)
 
 
-def test_windows_drives_as_linux_does(drive, here, tmp_path):
+def test_windows_drives_as_linux_does(built, drive, here, tmp_path):
     found = [shutil.which("wine64"), shutil.which("wine"), shutil.which("wine64", path="/usr/lib/wine")]
+    if WINDOWS not in built.platforms:
+        pytest.skip("make nightly builds for Windows")
     emulator = next(filter(None, found), None)
     if emulator is None:
         pytest.skip("runs a Windows binary: apt install --no-install-recommends wine64")
