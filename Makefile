@@ -16,13 +16,13 @@ DEVELOP   := $(VENV)/.installed-dev
 WARM      := build/.warm
 INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
-PYTEST    := $(BIN)/pytest -n $(WORKERS)
+PYTEST    := $(BIN)/pytest -n $(WORKERS) --dist worksteal
 # What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
 CHECK     := $(addprefix tests/,bus faults conductor control ecu plant integration/test_identity.py)
 # The tests of the files that pyproject.toml has under [tool.coverage.run].
 SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py faults control/test_certificate.py \
 	ecu/test_plausibility.py plant/test_actuators.py)
-ON_VCAN   := -p no:cacheprovider tests/vcan tests/bus/link/test_link.py tests/ecu/test_c_tracker.py
+ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tracker.py integration/test_own_ecu.py)
 
 .PHONY: setup run check test coverage mutation nightly lint lint-c lint-js docs dist bench references clean
 .DELETE_ON_ERROR:
@@ -40,7 +40,7 @@ check: setup $(DEVELOP) lint
 test: setup $(DEVELOP) coverage
 	$(PYTEST) $(PYTEST_ARGS)
 	@if $(BIN)/platoon vcan -- true; then \
-		echo "$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN)"; $(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN); \
+		$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN) -m 'kernel_can and not nightly'; \
 	elif [ -n "$$CI" ]; then echo "make test: the tests on vcan must run in CI" >&2; exit 1; \
 	else echo "make test: NOT TESTED ON VCAN, see the message above" >&2; fi
 
@@ -55,6 +55,7 @@ mutation: setup $(DEVELOP)
 
 nightly: setup $(DEVELOP) mutation
 	$(PYTEST) -m nightly $(PYTEST_ARGS)
+	$(BIN)/platoon vcan -- $(BIN)/pytest $(ON_VCAN) -m 'kernel_can and nightly'
 
 lint: $(LINTERS) lint-c lint-js
 	$(BIN)/ruff check .

@@ -24,11 +24,9 @@ def make(build: Path, *more: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("tracker")
-    done = make(folder)
-    assert done.returncode == 0, done.stderr
-    return folder
+def build(c_tracker: Path) -> Path:
+    """Where the C tracker and what it is made of are."""
+    return c_tracker.parent
 
 
 class Receiver(ctypes.Structure):
@@ -100,6 +98,7 @@ def test_it_says_how_it_is_called(build: Path) -> None:
     assert done.stderr.startswith("usage: tracker LINK")
 
 
+@pytest.mark.kernel_can
 def test_a_link_that_is_not_there_is_said(build: Path) -> None:
     done = subprocess.run([str(build / "tracker"), "nowhere0"], capture_output=True, text=True, check=False)
     assert done.returncode == 1

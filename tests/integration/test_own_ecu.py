@@ -143,15 +143,6 @@ def vcan_problem() -> str:
         return str(error).partition(";")[0].partition("\n")[0]
 
 
-@pytest.fixture(scope="module")
-def c_tracker(tmp_path_factory: pytest.TempPathFactory) -> str:
-    build = tmp_path_factory.mktemp("tracker")
-    make = ["make", "-C", str(EXAMPLES / "tracker"), f"BUILD={build}", f"PYTHON={sys.executable}"]
-    done = subprocess.run(make, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return str(build / "tracker")
-
-
 FAULTS = [
     '{kind = "frame_loss", at_s = 0.05, for_s = 0.15, bus = "veh2", message = "Reference", probability = 0.5}',
     '{kind = "frame_loss", at_s = 0.25, for_s = 0.15, bus = "veh2", message = "Reference"}',
@@ -162,16 +153,19 @@ FAULTS = [
 ]
 
 
+@pytest.mark.kernel_can
 @pytest.mark.skipif(bool(vcan_problem()), reason=f"vcan is needed (platoon vcan -- pytest ...): {vcan_problem()}")
 class TestInC:
     """The C tracker drives vehicle 2 on a real SocketCAN link."""
 
-    @pytest.mark.parametrize("faults", [[], FAULTS], ids=["sound", "faults"])
+    @pytest.mark.parametrize(
+        "faults", [pytest.param([], id="sound", marks=pytest.mark.nightly), pytest.param(FAULTS, id="faults")]
+    )
     def test_it_sends_what_a_python_ecu_of_its_kind_sends(
-        self, begin: Start, start: Callable[..., object], c_tracker: str, tmp_path: Path, faults: list[str]
+        self, begin: Start, start: Callable[..., object], c_tracker: Path, tmp_path: Path, faults: list[str]
     ) -> None:
         settings = [f"duration_s={1.0 if faults else 0.4}", f"faults=[{', '.join(faults)}]"]
-        ecu = begin(c_tracker, "vcan2")
+        ecu = begin(str(c_tracker), "vcan2")
         bench = start(set=settings, can="vcan", ecus=SINGLE_TRACK, without=["veh2.tracker"])
         code, _, errors = bench.end()
         assert code == 0, errors
@@ -184,9 +178,9 @@ class TestInC:
         assert difference.same, str(difference)
 
     def test_while_it_is_stopped_the_run_goes_on_and_afterwards_it_hears_the_end(
-        self, begin: Start, start: Callable[..., object], c_tracker: str
+        self, begin: Start, start: Callable[..., object], c_tracker: Path
     ) -> None:
-        ecu = begin(c_tracker, "vcan2")
+        ecu = begin(str(c_tracker), "vcan2")
         settings = ["duration_s=1.0", 'on_ecu_failure="continue"']
         run = start(set=settings, can="vcan", ecus=SINGLE_TRACK, without=["veh2.tracker"], silence_s=1.0)
         run.await_time(0.2)
@@ -203,8 +197,8 @@ class TestInC:
         assert not np.any((t > 0.3) & (t < 0.55))
         assert ActuatorState.SAFE in recorded.signal("veh2", "ActuatorStatus", "ActuatorState")[1]
 
-    def test_it_drives_in_real_time(self, begin: Start, c_tracker: str, tmp_path: Path) -> None:
-        ecu = begin(c_tracker, "vcan1")
+    def test_it_drives_in_real_time(self, begin: Start, c_tracker: Path, tmp_path: Path) -> None:
+        ecu = begin(str(c_tracker), "vcan1")
         out = tmp_path / "run.mcap"
         command = [
             "run",

@@ -349,6 +349,7 @@ def missing_vcan():
 
 
 @pytest.mark.skipif(bool(missing_vcan()), reason=missing_vcan())
+@pytest.mark.kernel_can
 class TestVcan(OnSockets):
     address = "vcan"
 
