@@ -10,7 +10,8 @@ from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
-from bench.record import Run, RunWriter
+from bench.record import LogDamaged, Run, RunWriter
+from tests.record.damage import with_bad_dbc
 
 CODECS = load_codecs(1)
 START_NS = 1_700_000_000_000_000_000
@@ -107,3 +108,9 @@ def test_times_that_cannot_be_are_refused(tmp_path: Path) -> None:
     """Of a damaged log: there is no table as long as its last time says."""
     with pytest.raises(BadInput, match="times that cannot be"):
         timing(write(tmp_path / "run.mcap", "realtime", stop_cycle=700_000_000_000))
+
+
+def test_without_a_dbc_file_that_can_be_read_there_are_no_times(log: Run, tmp_path: Path) -> None:
+    bad = Run(with_bad_dbc(log.path, tmp_path / "bad.mcap"))
+    with pytest.warns(LogDamaged, match=r"left out: vehicle\.dbc"):
+        assert timing(bad) is None

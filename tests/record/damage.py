@@ -177,6 +177,17 @@ def resealed_summary(data: bytes, _: bytes, at_random: Random) -> bytes:
     return bytes(damaged)
 
 
+def with_bad_dbc(source: Path, target: Path) -> Path:
+    """Write a log with attached DBC files that are none, under checksums that are right."""
+    data = bytearray(source.read_bytes())
+    for opcode, at, length in list(records(bytes(data))):
+        if opcode == Opcode.ATTACHMENT:
+            content = data[at : at + length - 4].replace(b"VERSION ", b"VERSIOM ")
+            data[at : at + length] = content + zlib.crc32(content).to_bytes(4, "little")
+    target.write_bytes(data)
+    return target
+
+
 KINDS: tuple[Callable[[bytes, bytes, Random], bytes], ...] = (
     cut_off,
     flipped,

@@ -1,11 +1,9 @@
 """The DBC file of each bus of a log: found by bus, whatever its name and encoding; left out where it is bad."""
 
 import warnings
-import zlib
 
 import pytest
 from click.testing import CliRunner
-from mcap.opcode import Opcode
 from typer.main import get_command
 
 from bench.analysis.bus_load import bus_loads
@@ -16,7 +14,7 @@ from bench.record.exchange import import_logs
 from bench.replay.selection import Selection
 from tests.reference import raw_log
 
-from .damage import records
+from .damage import with_bad_dbc
 
 DBC = """VERSION ""
 BU_: ECU
@@ -87,17 +85,6 @@ def test_a_log_that_does_not_tell_which_file_is_whose_has_them_by_their_names(tm
         assert Run(old).codec(bus).names == whole.codec(bus).names
     raw_log.write(old, whole.frames(), whole.buses, "", {}, {"vehicle.dbc": attached["vehicle.dbc"]})
     assert Run(old).codec("v2v") is None
-
-
-def with_bad_dbc(source, target):
-    """Write a log with attached DBC files that are none, under checksums that are right."""
-    data = bytearray(source.read_bytes())
-    for opcode, at, length in list(records(bytes(data))):
-        if opcode == Opcode.ATTACHMENT:
-            content = data[at : at + length - 4].replace(b"VERSION ", b"VERSIOM ")
-            data[at : at + length] = content + zlib.crc32(content).to_bytes(4, "little")
-    target.write_bytes(data)
-    return target
 
 
 def test_a_bad_file_is_told_once_by_log_name_and_reason(tmp_path, recorded):
