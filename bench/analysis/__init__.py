@@ -1,1 +1,1 @@
-"""What a person looks at: metrics, figures, the report."""
+"""Evaluation of a run for people: metrics, figures, the report."""

@@ -1,9 +1,9 @@
-"""How much of each bus a run used, and how long its messages took, next to what they may take in the worst case.
+"""The load of each bus in a run, and the response times of its messages next to their worst-case bounds.
 
-A response time is from when a frame waits for its bus to its end on the wire (see `bench.bus.wire.timing`). The bound
-beside it is that of `bench.bus.wire.schedulability`, with each message's release jitter as the run had it: by how much
-its release varied within the cycle. In lockstep computing takes no time, so an ECU's release varies only
-with the frames it waits for; in real time its computing time and the scheduling are in it.
+A response time runs from the release of a frame, when it starts to wait for its bus, to its end on the wire (see
+`bench.bus.wire.timing`). The bound is that of `bench.bus.wire.schedulability` with the release jitter measured in the
+run: the range of a message's release times within the cycle. In lockstep, computing takes no time, so an ECU's release
+varies only with the frames it waits for; in real time the jitter includes computing time and scheduling.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ _S = 1e9
 
 @dataclass(frozen=True)
 class MessageTimes:
-    """How one message fared on its bus.
+    """Response times of one message on its bus.
 
     Attributes:
-        name: as in the DBC; empty for an identifier that it does not have.
-        can_id: its identifier; one of 29 bits has the bit `EXTENDED` set.
-        sender: the process that sends it, empty where that is not known.
-        count: frames.
+        name: as in the DBC; empty for an identifier not in the DBC.
+        can_id: identifier; the bit `EXTENDED` is set for a 29-bit one.
+        sender: the process that sends it; empty if unknown.
+        count: number of frames.
         mean_s, worst_s: response times in s.
-        jitter_s: by how much its release varied within the cycle, s.
-        bound_s: what its response time is at most without faults, s; None where there is no bound.
-        period_s: its period, which is its deadline, s; None for a message that is not periodic.
+        jitter_s: release jitter, the range of its release times within the cycle, s.
+        bound_s: worst-case response time without faults, s; None if there is no bound.
+        period_s: period, which is also the deadline, s; None for a message that is not periodic.
     """
 
     name: str
@@ -59,13 +59,13 @@ class MessageTimes:
 
     @property
     def in_bound(self) -> bool:
-        """Whether no frame took longer than the bound, which only faults and frames from outside can bring about."""
+        """Whether no frame took longer than the bound; only faults and frames from outside can exceed it."""
         return self.bound_s is None or self.worst_s <= self.bound_s
 
 
 @dataclass(frozen=True)
 class SentFrame:
-    """A frame in its cycle: when it was released, began and ended, in s from the start of the cycle."""
+    """A frame in its cycle: when it was released, started and ended on the wire, in s from the start of the cycle."""
 
     name: str
     can_id: int
@@ -77,17 +77,17 @@ class SentFrame:
 
 @dataclass(frozen=True)
 class BusLoad:
-    """One bus in a run.
+    """The load of one bus in a run.
 
     Attributes:
         bus: its name.
         bit_rate: in bit/s.
-        t: (n,) times in s of the cycles that brought frames.
-        load: (n,) share of each of them that its frames take, interframe spaces included.
-        cycles: how many cycles there are from the first of them to the last.
-        most: that share for all periodic messages of the DBC at their longest, on average over their periods.
-        messages: in the order of priority.
-        busiest: the frames of the cycle with the highest load, in the order of the wire.
+        t: (n,) times in s of the cycles that contain frames.
+        load: (n,) bus load in each of them, as a fraction, including interframe spaces.
+        cycles: number of cycles from the first of them to the last.
+        most: upper bound of the mean load: all periodic messages of the DBC at their greatest length.
+        messages: in order of priority.
+        busiest: the frames of the cycle with the highest load, in order on the wire.
     """
 
     bus: str
@@ -116,7 +116,7 @@ class BusLoad:
 
 
 def bus_loads(run: Run) -> list[BusLoad]:
-    """Return what a run did to each of its buses with times on the wire and a DBC file that can be used."""
+    """Return the load of each bus of a run that has a usable DBC file and times on the wire."""
     found = []
     for bus in run.buses:
         codec = run.codec(bus)
@@ -125,7 +125,7 @@ def bus_loads(run: Run) -> list[BusLoad]:
         frames = run.frame_table(bus)
         frames = frames[frames["wire"] > 0]
         cycles = frames["time"] // CYCLE_NS
-        # The BenchSync that ends the run opens a cycle in which nothing is sent.
+        # The BenchSync that ends the run starts a cycle in which nothing is sent.
         working = cycles[frames["can_id"] != codec.can_id(BENCH_SYNC)]
         frames = frames[cycles <= working.max()] if len(working) else frames[:0]
         if len(frames):
@@ -135,7 +135,7 @@ def bus_loads(run: Run) -> list[BusLoad]:
 
 def _bus_load(bus: str, codec: Codec, vehicles: int, frames: npt.NDArray[Any]) -> BusLoad:
     bits = frame_bits(frames["can_id"], frames["length"], frames["data"])
-    # No table of all cycles: how many that would be is for a damaged log to say.
+    # Not a table of all cycles: a damaged log may claim any number of them.
     cycles, cycle = np.unique(frames["time"] // CYCLE_NS, return_inverse=True)
     share = np.bincount(cycle, bits + INTERFRAME_BITS) * _S / (codec.bit_rate * CYCLE_NS)
     periodic = streams(bus, codec, vehicles)

@@ -1,4 +1,4 @@
-"""A picture of one cycle on each bus: what was on the wire when, and for how long it had waited, as SVG."""
+"""A picture of one cycle on each bus as SVG: when each frame was on the wire, and how long it had waited."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _STYLE = (
 
 
 def strip(buses: Sequence[BusLoad]) -> str:
-    """Return the busiest cycle of each bus as an SVG element: a bar for each frame, a line for the time it waited."""
+    """Return the busiest cycle of each bus as an SVG element: a bar for each frame, a line for its waiting time."""
     last_ms = max(float(CYCLE_MS), *(1e3 * frame.end_s for bus in buses for frame in bus.busiest))
     scale = (_WIDTH - _LEFT - _RIGHT) / last_ms
     height = _TOP + len(buses) * _ROW + 34.0

@@ -17,27 +17,27 @@ from bench.record.drawing import colour
 from bench.record.time_join import same_times
 
 MAX_SIGNALS = 24
-"""So many signals are drawn at most, those that begin to differ first."""
+"""At most this many signals are drawn: the first to differ."""
 
 GROUP = "What differs"
 
 
 def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[list[dict[str, Any]], Pool]:
-    """Return two figures for each signal, both runs' curves and B less A, and their values.
+    """Return two figures for each signal, the curves of both runs and B − A, and the pool of their values.
 
     Args:
-        signals: what differs, in the order in which it begins to.
+        signals: the signals that differ, in order of their first difference.
         a: the first run.
-        b: the second one.
+        b: the second run.
     """
     figures, pool = [], Pool()
     for signal in signals[:MAX_SIGNALS]:
         of_a, of_b = (_values(run, signal) for run in (a, b))
         curves = [_curve(pool, signal, letter, *of) for letter, of in (("A", of_a), ("B", of_b))]
-        caption = f"From {signal.first_s:.3f} s on; {signal.count} values differ, {signal.at_most}."
+        caption = f"First at {signal.first_s:.3f} s; {signal.count} values differ, {signal.at_most}."
         if signal is signals[0] and len(signals) > MAX_SIGNALS:
-            caption += f" {len(signals)} signals differ; the {MAX_SIGNALS} that begin first are drawn, "
-            caption += "and platoon diff lists all."
+            caption += f" {len(signals)} signals differ; the first {MAX_SIGNALS} are drawn, "
+            caption += "platoon diff lists all."
         figures.append(_figure(signal, "", curves, caption))
         rows_a, rows_b = same_times(of_a[0], of_b[0])
         difference = of_b[1][rows_b] - of_a[1][rows_a]
@@ -66,11 +66,11 @@ def _values(run: Run, signal: SignalDifference) -> tuple[Array, Array]:
 
 
 def _curve(pool: Pool, signal: SignalDifference, name: str, t: Array, values: Array) -> dict[str, Any]:
-    """Put times and values into the pool, thinned to at most `MAX_POINTS`, and return the curve of them."""
+    """Put times and values into the pool, thinned to at most `MAX_POINTS`, and return their curve."""
     kept = slice(None, None, max(1, -(-len(t) // MAX_POINTS)))
     key = f"differs.{name}.{signal.bus}.{signal.message}.{signal.signal}"
     pool[f"{key}.t"], pool[key] = list(short(t[kept])), list(short(values[kept]))
     colours = {"A": colour(1), "B": colour(2)}
     curve = Curve(name, f"{key}.t", key, colours.get(name, "ink"), at=f"{key}.t", step=True)
-    # The page draws what has a run in that run's layer, and B dashed.
+    # The page draws a curve with a run in the layer of that run, and B dashed.
     return {**asdict(curve), "run": name if name in colours else ""}

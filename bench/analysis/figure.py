@@ -12,12 +12,12 @@ class Curve:
     Attributes:
         name: as the legend shows it; curves of one name are shown and hidden together.
         x, y: keys of its values in the pool.
-        colour: `#rrggbb`, or `limit` or `ink` for the page's own.
+        colour: `#rrggbb`, or `limit` or `ink` for a colour of the page.
         dash: whether it is dashed.
-        at: key of the time of each point, for the time cursor; empty for a curve that has no times.
-        step: whether values hold until the next point.
-        points: whether the values are dots and not joined.
+        at: key of the time of each point, for the time cursor; empty for a curve without times.
+        step: whether values are held until the next point.
         fill: whether the area down to zero is filled.
+        points: whether values are drawn as dots, not joined.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Line:
-    """A level across a figure: value of y, name, and whether it is a limit (else a goal)."""
+    """A horizontal line across a figure: y, name, and whether it is a limit (otherwise a goal)."""
 
     y: float
     name: str = ""
@@ -47,14 +47,14 @@ class Figure:
     Attributes:
         id: for links.
         title, caption: caption may be empty.
-        group: heading it stands under.
+        group: heading above it.
         x_label, y_label: with unit.
         curves, lines: what is drawn.
-        time: whether x is the run's time, so that it zooms and moves with the other figures.
-        wide: whether it takes the page's whole width.
-        y_range: least range of y; empty for none.
-        y_top: where y ends, though curves go on; None for the curves' own end.
-        x_range: range of x; empty for that of the data.
+        time: whether x is time, so that the figure zooms together with the others.
+        wide: whether it takes the full width of the page.
+        y_range: minimum range of y; empty for none.
+        y_top: upper end of y even if curves exceed it; None for the range of the data.
+        x_range: range of x; empty for the range of the data.
         lanes: Y of lane markings and whether each is solid, for a figure of the road.
     """
 

@@ -1,6 +1,6 @@
 """The report's figures as data: which curves, over what, with which limits and marks. The page draws them.
 
-Figures 7 to 13 are those of the paper and bear its numbers.
+Figures 7 to 13 are those of the paper, with its numbers.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from bench.record.drawing import colour, lane_edges
 from bench.record.time_join import same_times
 
 NOTHING_YET = (0.0, 0.0)
-"""The span of a run that has not begun: all its figures, their columns empty."""
+"""An empty span: all figures, their columns empty, for a run that has not started."""
 
 _ALL_PAIRS_UP_TO = 4
 _WHEELS = ("FL", "FR", "RL", "RR")
@@ -32,29 +32,29 @@ _PAPER_BOUNDARY_FIGURES = {1: "Fig. 11", 2: "Fig. 12", 3: "Fig. 13"}
 
 
 def pool_of(run: Run, span: Span) -> Pool:
-    """Return what a span of a run that goes on adds to the columns that its figures begin with at `NOTHING_YET`.
+    """Return the values that a span of a run in progress adds to the columns, which start empty with `NOTHING_YET`.
 
     Raises:
-        BadInput: the log has no scenario, or no truth of all vehicles at one time.
+        BadInput: the log has no scenario, or no ground truth of all vehicles at a common time.
     """
     return Figures(run, span=span).columns
 
 
 class Figures:
-    """All figures of a run and the pool of values their curves share.
+    """All figures of a run and the pool of values shared by their curves.
 
     Attributes:
-        figures: in the order of the page.
+        figures: in page order.
     """
 
     def __init__(self, run: Run, buses: Sequence[BusLoad] = (), span: Span | None = None) -> None:
-        """Make the figures of `run`, and of what is known of its buses.
+        """Create the figures of `run` and of the load of its `buses`.
 
-        With `span` they are those of a run that goes on: only what can be told from a piece of the run, their values
-        those of the span.
+        With `span` they are those of a run in progress: only figures that do not need the complete run, with the values
+        of the span.
 
         Raises:
-            BadInput: the log has no truth or no scenario.
+            BadInput: the log has no ground truth or no scenario.
         """
         self._run = run
         self._series = Series(run, span)
@@ -82,11 +82,11 @@ class Figures:
 
     @property
     def columns(self) -> Pool:
-        """That part of the pool which is over the run's time: columns of one length."""
+        """The part of the pool that is over time: columns of equal length."""
         return {key: self.pool[key] for key in self._series.over_time}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return figures and pool as values that JSON takes."""
+        """Return figures and pool as JSON-serialisable values."""
         return {"figures": [asdict(figure) for figure in self.figures], "pool": self.pool}
 
     def _paper_figures(self) -> None:
@@ -111,7 +111,7 @@ class Figures:
                 "X, along the road [m]",
                 "Y [m]",
                 [self._curve(v, f"{v}.X", f"{v}.Y") for v in self._vehicles],
-                caption=f"Platoon lane at Y = {goal.lane_y_m:g} m; Y is drawn larger than X.",
+                caption=f"Platoon lane at Y = {goal.lane_y_m:g} m; Y is enlarged relative to X.",
                 time=False,
                 wide=True,
                 lanes=lane_edges(lanes),
@@ -131,7 +131,7 @@ class Figures:
             self._boundary_figure(v, group)
 
     def _boundary_figure(self, v: int, group: str) -> None:
-        """The yaw rate over the speed of vehicle `v` within its stability boundary."""
+        """Add the yaw rate of vehicle `v` over its speed, with the stability boundary."""
         truth, index = self._truth, v - 1
         if self._series.live:
             ends = (self._scenario.vehicles[index].speed_mps, self._scenario.platoon.speed_mps)
@@ -169,7 +169,7 @@ class Figures:
         truth, goal = self._truth, self._scenario.platoon
         group = "Formation and safety"
         if len(truth.order) > 1:
-            lines = [Line(goal.gap_m, "gap"), Line(LEAST_DISTANCE_M, "least", limit=True)]
+            lines = [Line(goal.gap_m, "gap"), Line(LEAST_DISTANCE_M, "minimum", limit=True)]
             self._add(
                 self._over_time(
                     "distances",
@@ -202,7 +202,7 @@ class Figures:
         )
 
     def _distance_curves(self) -> list[Curve]:
-        """All pairs of a small platoon, else neighbours in the platoon and the smallest of all pairs."""
+        """Return all pairs of a small platoon; of a larger one its neighbours and the minimum over all pairs."""
         truth = self._truth
         distances = truth.distances()
         neighbours = [tuple(sorted(pair)) for pair in zip(truth.order, truth.order[1:], strict=False)]
@@ -215,7 +215,7 @@ class Figures:
                 curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=True))
         else:
             self._series.put("distance.least", np.min(list(distances.values()), axis=0))
-            curves.append(Curve("least of all pairs", "t", "distance.least", "ink", dash=True))
+            curves.append(Curve("minimum of all pairs", "t", "distance.least", "ink", dash=True))
         return curves
 
     def _distance_curve(self, i: int, j: int, values: Array, line_colour: str, *, dash: bool) -> Curve:
@@ -224,7 +224,7 @@ class Figures:
         return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
 
     def _seen_from_above(self) -> None:
-        """What only the animation shows: where each vehicle steers, and where its planner wants it to be."""
+        """Put what only the animation shows: each vehicle's steering angle and the target position of its planner."""
         for v in self._vehicles:
             steering = self._series.true(v, "steering_angle")
             if steering is not None:
@@ -274,9 +274,9 @@ class Figures:
     def _solvers(self) -> None:
         group = _SOLVERS
         timings = (
-            ("TrackerTiming", "SolveTime", "Tracker: time of the SDP"),
-            ("TrackerTiming", "StepTime", "Tracker: time of the whole step"),
-            ("PlannerTiming", "StepTime", "Planner: time of the whole step"),
+            ("TrackerTiming", "SolveTime", "Tracker: solve time of the SDP"),
+            ("TrackerTiming", "StepTime", "Tracker: time of the complete step"),
+            ("PlannerTiming", "StepTime", "Planner: time of the complete step"),
         )
         for message, signal, title in timings:
             curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
@@ -285,25 +285,25 @@ class Figures:
         iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
         self._add_if(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
         tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
-        self._add_if(self._over_time("tau", "Bound τ of the cost", group, "τ", tau))
+        self._add_if(self._over_time("tau", "Cost bound τ", group, "τ", tau))
 
     def _timing(self, figure_id: str, title: str, group: str, curves: list[Curve]) -> Figure:
-        """Times in ms; a few that are far above all others do not flatten the rest."""
+        """Return a figure of times in ms, cut off so that a few outliers do not flatten the other values."""
         times = [value for curve in curves for value in self.pool[curve.y] if value is not None] or [0.0]
         highest, usual = max(times), 1.6 * float(np.percentile(times, 99))
         if highest <= 2.0 * usual:
             return self._over_time(figure_id, title, group, "time [ms]", curves, y_range=[0.0, 1.0])
-        caption = f"Longest, beyond the figure: {highest:.1f} ms."
+        caption = f"Maximum, outside the figure: {highest:.1f} ms."
         return replace(self._over_time(figure_id, title, group, "time [ms]", curves, caption=caption), y_top=usual)
 
     def _histogram(self, group: str) -> None:
-        """How the times of the tracker's solves are distributed, all vehicles together."""
+        """Add the distribution of the tracker's solve times over all vehicles."""
         found = [self._series.signal(v, "TrackerTiming", "SolveTime") for v in self._vehicles]
         times = np.concatenate([values for values in found if values is not None] or [np.empty(0)]) * 1e-3
         times = times[np.isfinite(times) & (times > 0)]
         if not len(times):
             return
-        # Rare long solves would squeeze all others into one bar; they are counted in the last one.
+        # Rare long solves would squeeze all others into one bar; the last bar counts them.
         top = float(np.percentile(times, 99.5))
         counts, edges = np.histogram(np.minimum(times, top), bins=60)
         self._series.put_as_is("hist.x", edges)
@@ -311,19 +311,19 @@ class Figures:
         self._add(
             Figure(
                 "histogram",
-                "Distribution of the SDP's time",
+                "Distribution of the SDP's solve time",
                 group,
                 "time [ms]",
                 "solves",
                 [Curve("all vehicles", "hist.x", "hist.y", "ink", at="", step=True, fill=True)],
-                caption=f"Longer than {top:.1f} ms: counted in the last bar.",
+                caption=f"The last bar includes all longer solves (over {top:.1f} ms).",
                 time=False,
                 y_range=[0.0, 1.0],
             )
         )
 
     def _real_time(self) -> None:
-        """How the response times are distributed, where the wall clock paced the run."""
+        """Add the distributions of the response times of a real-time run."""
         times = timing(self._run)
         if times is None:
             return
@@ -341,7 +341,7 @@ class Figures:
             self._real_time_figure(role, f"Response time, {role}", curves, caption)
         late = self._counted("BenchSync", found["clock"]["counts"], "ink")
         caption = f"At most {found['clock'].get('max_ms', 0.0):.2f} ms."
-        self._real_time_figure("clock", "How late the clock was", [late], caption)
+        self._real_time_figure("clock", "Lateness of the clock", [late], caption)
 
     def _counted(self, name: str, counts: Sequence[int], line_colour: str) -> Curve:
         self._series.put_as_is(f"rt.{name}", np.array([*counts, counts[-1]], np.float64))
@@ -366,7 +366,7 @@ class Figures:
         lines = [Line(100.0, "full", limit=True)] if max((bus.worst for bus in buses), default=0.0) > 0.8 else []
         self._add_if(
             replace(
-                self._over_time("busload", "Load of the buses, cycle by cycle", "Buses", "load [%]", curves, lines),
+                self._over_time("busload", "Bus load per cycle", "Buses", "bus load [%]", curves, lines),
                 y_range=[0.0, 1.0],
                 wide=True,
             )
@@ -388,7 +388,7 @@ class Figures:
         factor: float = 1.0,
         peak: bool = False,
     ) -> list[Curve]:
-        """Return the curve of a signal for each vehicle that has it."""
+        """Return one curve of a signal for each vehicle that has it."""
         have = [
             v
             for v in self._vehicles

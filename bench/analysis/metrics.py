@@ -1,4 +1,4 @@
-"""The figures a run is judged by, computed from its log alone."""
+"""The metrics of a run, computed from its log alone."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ YAW_BAND_RAD = 0.01
 
 @dataclass(frozen=True)
 class Metrics:
-    """The figures of one run; lists hold one value a vehicle, `final_gaps_m` one a gap from the platoon's head.
+    """The metrics of one run; lists hold one value per vehicle, `final_gaps_m` one per gap from the head.
 
     Attributes:
         scenario: its name.
         vehicles: number of vehicles.
         duration_s: simulated time in the log.
-        complete: whether the log is whole and the run went to its end.
+        complete: whether the log is undamaged and the run reached its end.
         formed: whether the platoon was formed at the end.
-        formation_time_s: from when on, to the end, gaps, speeds, lateral errors and yaw angles stayed in their bands;
-            None if they are not at the end.
-        least_distance_m: smallest distance between two centres of mass; None for a single vehicle.
-        final_gaps_m: distance along the road from each vehicle to the next behind.
+        formation_time_s: time from which gaps, speeds, lateral errors and yaw angles stay in their bands to the end;
+            None if they are outside at the end.
+        least_distance_m: minimum distance between two centres of mass; None for a single vehicle.
+        final_gaps_m: distance along the road from each vehicle to the next one behind.
         final_speeds_mps: longitudinal speeds.
-        final_lateral_errors_m: distance from the middle of the platoon's lane, positive to the left.
+        final_lateral_errors_m: offset from the centre of the platoon's lane, positive to the left.
         final_yaws_rad: yaw angles.
-        boundary_margin_min: smallest 1 - |gamma| / gamma_max of the truth; negative is outside the boundary.
-        speed_rmse_mps: truth against the tracker's reference of the same cycle; None where there is none.
+        boundary_margin_min: minimum of 1 - |gamma| / gamma_max of the ground truth; negative is outside the boundary.
+        speed_rmse_mps: RMS of ground truth minus the tracker's reference of the same cycle; None without a reference.
         yaw_rate_rmse_radps: the same for the yaw rate.
-        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; empty where not recorded.
-        tracker_ms: the tracker's whole step.
-        planner_ms: the planner's whole step.
+        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; empty if not recorded.
+        tracker_ms: the same for the tracker's complete step.
+        planner_ms: the same for the planner's complete step.
         fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.
-        frames_lost: frames that receive queues dropped.
-        e2e_errors: frames refused by E2E protection.
-        real_time_factor: simulated over wall-clock time; None where the run was cut off.
+        frames_lost: number of frames dropped by receive queues.
+        e2e_errors: number of frames rejected by E2E protection.
+        real_time_factor: simulated time divided by wall-clock time; None if the run was cut off.
     """
 
     scenario: str
@@ -73,15 +73,15 @@ class Metrics:
     real_time_factor: float | None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the figures as values that JSON takes."""
+        """Return the metrics as JSON-serialisable values."""
         return asdict(self)
 
 
 def compute(run: Run) -> Metrics:
-    """Return the figures of a run.
+    """Return the metrics of a run.
 
     Raises:
-        BadInput: the log has no truth or no scenario.
+        BadInput: the log has no ground truth or no scenario.
     """
     scenario = run.scenario
     goal = scenario.platoon
@@ -116,12 +116,12 @@ def compute(run: Run) -> Metrics:
 
 
 def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> float | None:
-    """Return from when on, to the end, the platoon is formed (s), or None.
+    """Return the time from which the platoon is formed to the end, s; None if it is not formed at the end.
 
     Args:
         truth: the motion.
-        lane_y: middle of the platoon's lane, m.
-        speed: the platoon's, m/s.
+        lane_y: centre of the platoon's lane, m.
+        speed: speed of the platoon, m/s.
         gap: centre to centre, m.
     """
     good = (np.abs(truth.gaps - gap) <= GAP_BAND_M).all(axis=0)
@@ -134,7 +134,7 @@ def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> fl
 
 
 def fallback_steps(run: Run) -> int:
-    """Return in how many cycles, over all vehicles, a tracker that ran drove with a gain not from that cycle's SDP."""
+    """Return the number of cycles, over all vehicles, in which a running tracker did not use that cycle's SDP gain."""
     total = 0
     for vehicle in range(1, run.vehicles + 1):
         bus = f"veh{vehicle}"
@@ -150,7 +150,7 @@ def _each(values: Array) -> list[tuple[int, Array]]:
 
 
 def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float | None:
-    """Return the root mean square of truth minus reference over the cycles that had one."""
+    """Return the RMS of ground truth minus reference over the cycles that have a reference."""
     reference = told(run, vehicle, "TrackerReferenceState")
     if reference is None:
         return None
@@ -159,7 +159,7 @@ def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float 
 
 
 def _last_sum(run: Run, signal: str) -> int:
-    """Return the sum of the last values of a counter over all health messages of all buses."""
+    """Return the sum of a counter's last values over all health messages of all buses."""
     total = 0
     for bus in run.buses:
         for message in run.messages(bus):

@@ -1,4 +1,4 @@
-"""What a run's vehicles truly did, on one time base, and what they were asked for."""
+"""The true motion of a run's vehicles on one time base, and what their ECUs reported."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OF_TRACKER = ("TrackerDisturbance", "TrackerReferenceState", "TrackerReferenceI
 
 @dataclass(frozen=True)
 class Motion:
-    """The truth of all N vehicles at n common times.
+    """Ground truth of all N vehicles at n common times.
 
     Attributes:
         t: (n,) s.
@@ -29,8 +29,8 @@ class Motion:
         psi: (N, n) yaw angle, rad.
         v_x: (N, n) longitudinal speed, m/s.
         gamma: (N, n) yaw rate, rad/s.
-        mu: (N, n) adhesion to reckon with: the smaller of the road's and the planner's.
-        order: vehicles (from 0) from the platoon's head to its tail.
+        mu: (N, n) adhesion for the stability boundary: the smaller of the road's and the planner's.
+        order: vehicles (from 0) from the head of the platoon to its tail.
     """
 
     t: Array
@@ -44,7 +44,7 @@ class Motion:
 
     @property
     def gaps(self) -> Array:
-        """Distances along X from each vehicle of the platoon to the next behind it, (N - 1, n), m."""
+        """Distances along X from each vehicle of the platoon to the next one behind it, (N - 1, n), m."""
         slots = self.X[list(self.order)]
         return slots[:-1] - slots[1:]
 
@@ -55,10 +55,10 @@ class Motion:
 
 
 def motion(run: Run) -> Motion:
-    """Return the true motion of a run's vehicles, at the times all of them have.
+    """Return the true motion of a run's vehicles at the times common to all of them.
 
     Raises:
-        BadInput: the log has no truth of a vehicle, or nothing at a common time.
+        BadInput: the log lacks the ground truth of a vehicle, or the vehicles have no common time.
     """
     truths = [run.truth(vehicle) for vehicle in range(1, run.vehicles + 1)]
     stamps = [truth.time_ns for truth in truths]
@@ -66,8 +66,10 @@ def motion(run: Run) -> Motion:
     for stamp in stamps[1:]:
         common = np.intersect1d(common, stamp)
     if not len(common):
-        raise BadInput(f"{run.path} has no truth of all {run.vehicles} vehicles at one time: the run ended at once")
-    # A damaged log may have a time twice, or times out of their order.
+        raise BadInput(
+            f"{run.path} has no ground truth of all {run.vehicles} vehicles at a common time: the run was too short"
+        )
+    # A damaged log may have duplicate times, or times out of order.
     firsts = [np.unique(stamp, return_index=True) for stamp in stamps]
     rows = [first[np.searchsorted(times, common)] for times, first in firsts]
 
@@ -88,7 +90,7 @@ def motion(run: Run) -> Motion:
 
 
 def _order(run: Run, start: Array) -> tuple[int, ...]:
-    """Return the vehicles by their slots, by where they started where the slots are not known."""
+    """Return the vehicles in order of their slots, or of their start positions if the slots are unknown."""
     slots = []
     for vehicle in range(1, run.vehicles + 1):
         if not run.has(f"veh{vehicle}", "PlannerStatus"):
@@ -100,9 +102,9 @@ def _order(run: Run, start: Array) -> tuple[int, ...]:
 
 
 def told(run: Run, vehicle: int, message: str) -> Columns | None:
-    """Return what an ECU of a vehicle has said in a message, `t` and signals by name; None where there is nothing.
+    """Return the values that an ECU of a vehicle sent in a message, `t` and signals by name; None if there are none.
 
-    What a tracker says of its reference and estimate before it has begun, or if it never does, is no statement.
+    References and estimates that a tracker sends before it has left INIT are left out.
     """
     bus = f"veh{vehicle}"
     if not run.has(bus, message):

@@ -1,4 +1,4 @@
-"""All that the report's page shows of a run, as values that JSON takes."""
+"""Everything the report page shows of a run, as JSON-serialisable values."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ WHEEL_WIDTH = 0.22
 
 
 def page_data(run: Run, buses: list[BusLoad] | None = None) -> PageData:
-    """Return what the page shows of a run that is over; `buses` where they are known already.
+    """Return what the page shows of a finished run; pass `buses` if already computed.
 
     Raises:
-        BadInput: the log has no truth or no scenario.
+        BadInput: the log has no ground truth or no scenario.
     """
     buses = bus_loads(run) if buses is None else buses
     metrics = compute(run)
@@ -50,10 +50,10 @@ def page_data(run: Run, buses: list[BusLoad] | None = None) -> PageData:
 
 
 def live_data(run: Run) -> PageData:
-    """Return what the page shows of a run that goes on, before the first value of it has come.
+    """Return what the page shows of a running bench before the first value has arrived.
 
-    The columns are empty; `bench.analysis.figures.pool_of` gives what they grow by. Only what a log has from its
-    beginning is asked of `run`: scenario, metadata and channels.
+    The columns are empty; `bench.analysis.figures.pool_of` returns what to append to them. Of `run` only the scenario,
+    metadata and channels are used, which are at the start of a log.
 
     Raises:
         BadInput: the log has no scenario.
@@ -74,7 +74,7 @@ def live_data(run: Run) -> PageData:
 
 
 def events_of(events: Iterable[Event], span: Span | None = None) -> list[dict[str, Any]]:
-    """Return events, all or those of a span of time, by the names that `Event` has for what they are made of."""
+    """Return events, all or those within a span of time, each as a dict with the fields of `Event`."""
     return [asdict(event) for event in events if span is None or span[0] <= event.time_s < span[1]]
 
 
@@ -92,7 +92,7 @@ def _head(run: Run) -> PageData:
 
 
 def _road(run: Run) -> dict[str, Any]:
-    """What the animation draws: lengths in m, Y of lane markings and whether each is solid."""
+    """Return what the animation draws: lengths in m, Y of lane markings and whether each is solid."""
     scenario, car = run.scenario, VehicleParameters()
     lanes = sorted({scenario.platoon.lane_y_m, *(vehicle.y_m for vehicle in scenario.vehicles)})
     return {
@@ -110,7 +110,7 @@ def _road(run: Run) -> dict[str, Any]:
 
 
 def _bus(bus: BusLoad) -> dict[str, Any]:
-    """A bus as values that JSON takes: shares, s; a message is a row, times in ms."""
+    """Return a bus as JSON-serialisable values: loads as fractions, times in s; each message is a row, times in ms."""
     return {
         "bus": bus.bus,
         "bit_rate": bus.bit_rate,

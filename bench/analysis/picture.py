@@ -1,7 +1,7 @@
-"""A still picture of a run: the road from above at some moments, as SVG.
+"""A still picture of a run as SVG: the road from above at several moments.
 
-The view moves along with the platoon at its wanted speed, X and Y at one scale, so that the cars keep their shape and
-the formation can be seen to grow.
+The view moves at the platoon's desired speed, with X and Y to the same scale, so that the cars keep their shape and the
+formation is visible.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def write_svg(run: Run, out: Path, *, moments: int = 6) -> None:
     """Write the picture to a file.
 
     Raises:
-        BadInput: the log has no truth or no scenario, or the file cannot be written.
+        BadInput: the log has no ground truth or no scenario, or the file cannot be written.
     """
     write_text(out, snapshots(run, moments=moments))
 
@@ -45,10 +45,11 @@ def snapshots(run: Run, *, moments: int = 6) -> str:
 
     Args:
         run: the run.
-        moments: how many, at least 2; the first is the run's begin, the last when the platoon is formed, or the end.
+        moments: number of moments, at least 2: the first is the start of the run, the last is when the platoon is
+            formed, or the end.
 
     Raises:
-        BadInput: the log has no truth or no scenario.
+        BadInput: the log has no ground truth or no scenario.
     """
     truth = motion(run)
     rows = _rows(truth, _times(run, truth, moments))
@@ -74,7 +75,7 @@ def snapshots(run: Run, *, moments: int = 6) -> str:
 
 
 def _times(run: Run, truth: Motion, moments: int) -> Array:
-    """Return evenly spread times (moments,), s, from the begin until the platoon is formed, up to a half second."""
+    """Return evenly spaced times (moments,), s, from the start to the formation, rounded up to half a second."""
     goal = run.scenario.platoon
     start, last = float(truth.t[0]), float(truth.t[-1])
     formed = formation_time(truth, goal.lane_y_m, goal.speed_mps, goal.gap_m)
@@ -89,12 +90,12 @@ def _rows(truth: Motion, times: Array) -> list[int]:
 
 @dataclass(frozen=True)
 class _View:
-    """A piece of road seen from above, moving along.
+    """A section of road seen from above, moving with the platoon.
 
     Attributes:
         truth: the motion.
         x: (N, n) X of the vehicles in the moving view, m.
-        left, right, low, high: the piece of road in the moving view, m.
+        left, right, low, high: the section of road in the moving view, m.
         edges: Y of each lane marking, m, and whether it is solid.
     """
 
@@ -108,7 +109,7 @@ class _View:
 
     @classmethod
     def around(cls, run: Run, truth: Motion, rows: list[int]) -> _View:
-        """Return a view that holds all vehicles at the times `rows`."""
+        """Return a view that contains all vehicles at the times `rows`."""
         goal = run.scenario.platoon
         edges = lane_edges(sorted({goal.lane_y_m, *(vehicle.y_m for vehicle in run.scenario.vehicles)}))
         x = truth.X - goal.speed_mps * (truth.t - truth.t[0])
@@ -129,7 +130,7 @@ class _View:
         return (self.right - self.left) * PIXELS_PER_METRE, (self.high - self.low) * PIXELS_PER_METRE
 
     def at(self, car: int, row: int) -> tuple[float, float]:
-        """Return where a car is in the view, pixels from its upper left corner."""
+        """Return the position of a car in the view, in pixels from the upper left corner."""
         return (float(self.x[car, row]) - self.left) * PIXELS_PER_METRE, self._down(float(self.truth.Y[car, row]))
 
     def road(self) -> str:
@@ -143,7 +144,7 @@ class _View:
         return f'<rect class="road" y="{top:.1f}" width="{width:.1f}" height="{bottom - top:.1f}"/>{lines}'
 
     def trail(self, car: int, row: int) -> str:
-        """Return the last second of a car's way, as the moving view sees it."""
+        """Return the last second of a car's path in the moving view."""
         first = int(np.searchsorted(self.truth.t, self.truth.t[row] - _TRAIL_S))
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in (self.at(car, r) for r in [*range(first, row, 5), row]))
         line = f'stroke="{colour(car + 1)}" stroke-width="3" stroke-opacity=".45" stroke-linecap="round"'

@@ -1,6 +1,6 @@
-"""The report of a run, or of two: one HTML file that holds everything and loads nothing.
+"""The report of one or two runs: a self-contained HTML file that loads nothing.
 
-The page's script is written in pieces, `page/*.js`, which are put into it one after the other.
+The page's script is the concatenation of files in `page/*.js`.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from bench.record import Run
 from bench.record.compare import SignalDifference
 
 SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "animation", "player", "tables", "page")
-"""The pieces of the script, each of which uses only those before it when the page is loaded."""
+"""The files of the script, in order; while the page loads, each uses only those before it."""
 
 LIVE_SCRIPTS = ("live",)
 
 
 def write(run: Run, out: Path, other: Run | None = None, signals: Sequence[SignalDifference] = ()) -> None:
-    """Write the report of `run` to `out`, over what is there; laid over it `other`, where one is given.
+    """Write the report of `run`, overlaid with `other` if given, to `out`, replacing an existing file.
 
-    Of two runs, `signals` that differ are drawn before all else; see `render_both`.
+    Of two runs, `signals` that differ are drawn first; see `render_both`.
 
     Raises:
-        BadInput: a log has no truth or no scenario, or the file cannot be written.
+        BadInput: a log has no ground truth or no scenario, or the file cannot be written.
     """
     write_text(out, render(run) if other is None else render_both(run, other, signals))
 
@@ -44,7 +44,7 @@ def render(run: Run) -> str:
     """Return the report as HTML.
 
     Raises:
-        BadInput: the log has no truth or no scenario.
+        BadInput: the log has no ground truth or no scenario.
     """
     buses = bus_loads(run)
     data = page_data(run, buses)
@@ -52,15 +52,15 @@ def render(run: Run) -> str:
 
 
 def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str:
-    """Return the report of two runs laid over each other, `a` solid and `b` dashed, as HTML.
+    """Return the report of two overlaid runs, `a` solid and `b` dashed, as HTML.
 
     Args:
         a: the first run.
-        b: the second one.
-        signals: what differs, in the order in which it begins to; figures of it come first.
+        b: the second run.
+        signals: the signals that differ, in order of their first difference; their figures come first.
 
     Raises:
-        BadInput: a log has no truth or no scenario.
+        BadInput: a log has no ground truth or no scenario.
     """
     buses = bus_loads(a)
     data = together(page_data(a, buses), page_data(b), (compute(a), compute(b)))
@@ -72,20 +72,20 @@ def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str
 
 
 def check_drawable(run: Run) -> None:
-    """Refuse a log of which no report can be made.
+    """Reject a log from which no report can be drawn.
 
     Raises:
-        BadInput: it has no truth or no scenario.
+        BadInput: it has no ground truth or no scenario.
     """
     missing = [f"/truth/veh{v}" for v in range(1, len(run.scenario.vehicles) + 1) if f"/truth/veh{v}" not in run.topics]
     if missing:
-        raise BadInput(f"{run.path} has no {', '.join(missing)}: no page can be drawn of a run without its truth")
+        raise BadInput(f"{run.path} has no {', '.join(missing)}: a report needs the ground truth of every vehicle")
 
 
 def render_live(run: Run) -> str:
-    """Return the page of a run that goes on, which a server has to feed; see `page/live.js`.
+    """Return the page of a running bench, which a server must feed; see `page/live.js`.
 
-    Only what a log has from its beginning is asked of `run`.
+    Only what a log has at its start is used of `run`.
 
     Raises:
         BadInput: the log has no scenario.
@@ -103,7 +103,7 @@ def _page(data: PageData, title: str, pictures: str, buses: str, *, live: bool =
         "SCRIPT": "\n".join(_asset(f"{name}.js") for name in scripts),
         "PICTURES": pictures,
         "BUSES": buses,
-        # No text of the log may end or begin an element inside the one that holds the data.
+        # Text from the log must not close the element that holds the data, or open one inside it.
         "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
     }
     page = _asset("page.html")
@@ -113,7 +113,7 @@ def _page(data: PageData, title: str, pictures: str, buses: str, *, live: bool =
 
 
 def _figure(picture: str, run: str = "") -> str:
-    caption = "From above, the view moving along with the platoon."
+    caption = "From above; the view moves with the platoon."
     return f"<figure>{picture}<figcaption>{f'{run}: ' if run else ''}{caption}</figcaption></figure>"
 
 

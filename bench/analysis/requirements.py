@@ -1,4 +1,4 @@
-"""What a run is asked to reach, next to what it reached, as a table for a person."""
+"""The requirements on a run next to its metrics, as a table for people."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ FINAL_LATERAL_M = 0.15
 FINAL_YAW_RAD = 0.01
 FORMATION_TIME_S = 6.5
 TIMED = ("formation", "formation-soft", "formation-stiff")
-"""The shipped scenarios that are asked to form by `FORMATION_TIME_S`; others by the end of the run."""
+"""The shipped scenarios that must form within `FORMATION_TIME_S`; others must form by the end of the run."""
 TRACKER_MS = (5.0, 10.0)
 PLANNER_MS = 3.0
 
 
 @dataclass(frozen=True)
 class Row:
-    """One figure.
+    """One metric.
 
     Attributes:
-        name: what it is.
+        name: name of the metric.
         value: as text.
-        requirement: what is asked of it, empty for nothing.
-        met: whether it is; None where nothing is asked.
-        of_machine: whether it tells more of the machine of the run than of the run.
+        requirement: as text; empty for none.
+        met: whether the requirement is met; None without one.
+        of_machine: whether the value depends on the machine more than on the run.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Row:
 
 
 def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
-    """Return the figures of a run with what is asked of them; times of solvers hold for the machine of the run."""
+    """Return the metrics of a run with their requirements; computing times depend on the machine of the run."""
     goal = scenario.platoon
     formed = metrics.formation_time_s
     limit = FORMATION_TIME_S if scenario.name in TIMED else None
@@ -58,7 +58,7 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         _below("Final lateral errors", metrics.final_lateral_errors_m, FINAL_LATERAL_M, "m", 3),
         _below("Final yaw angles", metrics.final_yaws_rad, FINAL_YAW_RAD, "rad", 4),
         Row(
-            "Least margin to the yaw rate's boundary",
+            "Least margin to the stability boundary",
             f"{metrics.boundary_margin_min:.3f}",
             "above 0",
             metrics.boundary_margin_min > 0,

@@ -1,4 +1,4 @@
-"""The values that figures are drawn from: all of a run's, or those of a span of a run that goes on."""
+"""The values that figures are drawn from: of a complete run, or of a span of a run in progress."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from bench.record import Run
 from bench.record.time_join import Rows, last_until, same_times, whole_ns
 
 MAX_POINTS = 2400
-"""A curve of more samples is thinned out to at most this many."""
+"""A curve with more samples is thinned to at most this many."""
 
 Span = tuple[float, float]
-"""From this time until before that one, s."""
+"""Start (inclusive) and end (exclusive), s."""
 
 Pool = dict[str, list[float | None]]
 
 
 class Series:
-    """Values on the times of a run's truth, thinned out to at most `MAX_POINTS`.
+    """Values at the times of a run's ground truth, thinned to at most `MAX_POINTS`.
 
     Attributes:
         truth: the motion at these times, before thinning.
-        live: whether the run goes on, so that what is not there yet may come.
-        pool: key -> values; None for what is missing.
-        over_time: keys of those values that are over the run's time.
+        live: whether the run is in progress, so that missing values may still arrive.
+        pool: key -> values; None for a missing value.
+        over_time: keys of the values that are over time.
     """
 
     def __init__(self, run: Run, span: Span | None = None) -> None:
-        """Take the values of all of `run`, or of a span of a run that goes on; an empty span has empty columns.
+        """Take the values of all of `run`, or of a span of a run in progress; an empty span gives empty columns.
 
-        The columns of spans that follow each other, put together, are on one grid of times.
+        The concatenated columns of consecutive spans are on one time grid.
 
         Raises:
-            BadInput: the log has no truth or no scenario.
+            BadInput: the log has no ground truth or no scenario.
         """
         self._run = run
         self.live = span is not None
@@ -55,9 +55,9 @@ class Series:
             self._kept = np.flatnonzero(np.rint(self.truth.t / CYCLE_S).astype(np.int64) % stride == 0)
 
     def signal(self, v: int, message: str, signal: str, *, hold: bool = False) -> Array | None:
-        """Return a signal of vehicle `v` at all times, NaN where it is missing; None where none is to be had.
+        """Return a signal of vehicle `v` at all times, NaN for missing values; None if the log has none.
 
-        With `hold` a value is there until the message is due again.
+        With `hold` a value is held until the message is due again.
         """
         values = np.full(len(self.truth.t), np.nan)
         columns = told(self._run, v, message)
@@ -70,7 +70,7 @@ class Series:
         return values
 
     def true(self, v: int, name: str) -> Array | None:
-        """Return a true value of vehicle `v` at all times; None where it was not recorded."""
+        """Return the ground truth `name` of vehicle `v` at all times; None if it was not recorded."""
         columns = self._run.truth(v) if f"/truth/veh{v}" in self._run.topics else {}
         if name not in columns:
             return None
@@ -80,19 +80,19 @@ class Series:
         return values
 
     def put(self, key: str, values: Array, *, peak: bool = False) -> None:
-        """Put values of all times into the pool, thinned: of each group the first, or the largest if `peak`."""
+        """Put values at all times into the pool, thinned to the first of each group, or the largest if `peak`."""
         kept = self._kept
         thinned = np.fmax.reduceat(values, kept) if peak and len(kept) else values[kept]
         self.over_time.append(key)
         self.put_as_is(key, thinned)
 
     def put_as_is(self, key: str, values: npt.NDArray[Any] | Sequence[float]) -> None:
-        """Put values that are not over the run's time into the pool."""
+        """Put values that are not over time into the pool."""
         self.pool[key] = list(short(values))
 
 
 def _within(run: Run, span: Span) -> Motion:
-    """Return the motion in a span of time, the platoon's order as the scenario has it."""
+    """Return the motion in a span of time, with the platoon's order from the scenario."""
     starts = np.array([vehicle.x_m for vehicle in run.scenario.vehicles])
     order = tuple(int(index) for index in np.argsort(-starts, kind="stable"))
     start, end = span
@@ -106,9 +106,9 @@ def _within(run: Run, span: Span) -> Motion:
 
 
 def until_due(times: Array, t: Array) -> tuple[Rows, Rows]:
-    """Return which of the messages of `times` (m > 1,) s, ascending, holds at which of the times `t` (n,) s.
+    """Return index pairs (message, time): message at `times` (m > 1,) s, ascending, is valid at `t` (n,) s.
 
-    From when it came until the next was due.
+    A message is valid from its arrival until the next one is due.
     """
     rows = last_until(whole_ns(times), whole_ns(t))
     period_s = float(np.median(np.diff(times)))
@@ -117,6 +117,6 @@ def until_due(times: Array, t: Array) -> tuple[Rows, Rows]:
 
 
 def short(values: Iterable[float]) -> Iterable[float | None]:
-    """Give numbers with six digits, as many as a screen can show; None for what is not finite."""
+    """Yield numbers with six digits, as many as a screen can show; None for non-finite values."""
     for value in values:
         yield float(f"{value:.6g}") if np.isfinite(value) else None

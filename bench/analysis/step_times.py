@@ -1,4 +1,4 @@
-"""How long ECUs took for their steps, and percentiles of times."""
+"""Step times of ECUs, and percentiles of times."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _MICROSECONDS_PER_MS = 1000.0
 
 
 def step_times_ms(run: Run, message: str, signal: str) -> dict[str, float]:
-    """Return median and 99th percentile, in ms, of a time that the DBC has in us, over all vehicles.
+    """Return median and 99th percentile, in ms, of a time signal (us in the DBC) over all vehicles.
 
-    Steps of no time are left out; none of no steps.
+    Zero times are left out; empty if there are no others.
     """
     buses = [f"veh{vehicle}" for vehicle in range(1, run.vehicles + 1)]
     columns = [run.signal(bus, message, signal)[1] for bus in buses if run.has(bus, message)]
@@ -25,12 +25,12 @@ def step_times_ms(run: Run, message: str, signal: str) -> dict[str, float]:
 
 
 def percentiles(values: npt.NDArray[np.float64], wanted: Sequence[float] = MEDIAN_AND_P99) -> dict[str, float]:
-    """Return percentiles by name, `p50`, `p99.9`; none of no values."""
+    """Return percentiles by name, e.g. `p50`, `p99.9`; empty without values."""
     if not values.size:
         return {}
     return {f"p{share:g}": float(found) for share, found in zip(wanted, np.percentile(values, wanted), strict=True)}
 
 
 def median_and_p99(times_ms: Mapping[str, float]) -> str:
-    """Return median and 99th percentile of times as text; empty where there are none."""
+    """Return median and 99th percentile of times as text; empty without times."""
     return f"{times_ms['p50']:.2f} / {times_ms['p99']:.2f} ms" if times_ms else ""

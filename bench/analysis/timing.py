@@ -1,8 +1,8 @@
-"""How well a real-time run kept its times: response times, jitter, missed deadlines, and how late the clock itself was.
+"""Timing of a real-time run: response times, jitter, missed deadlines, and the lateness of the clock.
 
-A cycle begins on a bus when its BenchSync is received there. The response time of an ECU is from then to its last
-frame with an alive counter of that cycle, as the kernel received it; its deadline is the next BenchSync. So is the
-plant's, on each bus by itself. Jitter is the largest less the smallest response time.
+A cycle starts on a bus when its BenchSync is received there. The response time of an ECU runs from then to its last
+frame with an alive counter in that cycle, by kernel receive times; its deadline is the next BenchSync. The same holds
+for the plant, separately on each bus. Jitter is the maximum minus the minimum response time.
 """
 
 from collections.abc import Mapping
@@ -24,24 +24,24 @@ from bench.record.reader import Run
 
 BIN_MS = 0.25
 LONGEST_MS = 2.0 * CYCLE_MS
-"""The histograms go this far; their last bin holds all that is longer."""
+"""Upper end of the histograms; their last bin also counts everything longer."""
 
 PERCENTILES = (1.0, 50.0, 99.0, 99.9)
 
 _MOST_CYCLES = 1000
-"""For each frame of the clock; where there are more, the log's times are wrong."""
+"""Limit per frame of the clock; with more cycles, the times of the log are wrong."""
 
 
 @dataclass(frozen=True)
 class NodeTiming:
-    """The times that an ECU, or the plant on one bus, kept.
+    """Timing of an ECU, or of the plant on one bus.
 
     Attributes:
-        name: veh1.tracker; the plant is veh1.plant.
-        cycles: deadlines it had.
-        late: cycles in which it was late.
-        missing: cycles in which it sent nothing.
-        longest_miss: the most missed deadlines in a row.
+        name: e.g. veh1.tracker; veh1.plant for the plant.
+        cycles: number of deadlines.
+        late: number of cycles in which it was late.
+        missing: number of cycles in which it sent nothing.
+        longest_miss: greatest number of consecutive missed deadlines.
         response_ms: (n,) response time of each cycle in which it sent.
     """
 
@@ -54,31 +54,31 @@ class NodeTiming:
 
     @property
     def misses(self) -> int:
-        """Missed deadlines."""
+        """Number of missed deadlines."""
         return self.late + self.missing
 
     @property
     def miss_rate(self) -> float:
-        """Missed deadlines as a share of all."""
+        """Missed deadlines as a fraction of all deadlines."""
         return self.misses / self.cycles if self.cycles else 0.0
 
     def response(self, percentile: float) -> float | None:
-        """Return a percentile of the response time in ms, None where there is none."""
+        """Return a percentile of the response time in ms; None without response times."""
         return next(iter(percentiles(self.response_ms, [percentile]).values()), None)
 
     @property
     def jitter_ms(self) -> float:
-        """The largest less the smallest response time."""
+        """Maximum minus minimum response time, ms."""
         return float(np.ptp(self.response_ms)) if self.response_ms.size else 0.0
 
 
 @dataclass(frozen=True)
 class Timing:
-    """The times of a run.
+    """Timing of a run.
 
     Attributes:
-        cycles: that the clock has begun.
-        clock_late_ms: (n,) how late BenchSync was in each cycle, against the grid through the earliest.
+        cycles: number of cycles that the clock started.
+        clock_late_ms: (n,) lateness of BenchSync in each cycle, relative to the grid through the earliest one.
         nodes: ECUs and plant, by vehicle.
     """
 
@@ -88,19 +88,19 @@ class Timing:
 
     @property
     def miss_rate(self) -> float:
-        """Missed deadlines of the ECUs as a share of all they had."""
+        """Missed deadlines of the ECUs as a fraction of all their deadlines."""
         ecus = [node for node in self.nodes if not node.name.endswith(f".{PLANT}")]
         deadlines = sum(node.cycles for node in ecus)
         return sum(node.misses for node in ecus) / deadlines if deadlines else 0.0
 
 
 def timing(run: Run) -> Timing | None:
-    """Return the times that a real-time run kept, on the buses of which the log has the DBC file.
+    """Return the timing of a real-time run on the buses whose DBC file is in the log.
 
-    None where there is none, and for a run in lockstep, where the wall clock means nothing.
+    None if there is no such bus, and for a run in lockstep, where wall-clock times mean nothing.
 
     Raises:
-        BadInput: the log lacks what a run's log has, or has times that cannot be.
+        BadInput: the log is incomplete, or has impossible times.
     """
     if run.metadata.get("clock") != "realtime":
         return None
@@ -113,7 +113,7 @@ def timing(run: Run) -> Timing | None:
     for bus, codec in codecs.items():
         table = run.frame_table(bus)
         begun = _first_receipts(table, codec.can_id(BENCH_SYNC))
-        # The last BenchSync only stops the run, some time after the end of the last cycle.
+        # The last BenchSync only ends the run, some time after the end of the last cycle.
         count = begun.size - 1
         if count < 1:
             continue
@@ -130,12 +130,12 @@ def timing(run: Run) -> Timing | None:
 
 
 def histograms(times: Timing) -> dict[str, Any]:
-    """Return all that a page needs to draw the times, as plain numbers.
+    """Return what a page needs to draw the timing, as plain numbers.
 
-    `edges_ms`: (m + 1) edges of all histograms. `clock`: `counts` (m), `p99_ms`, `max_ms` of how late BenchSync was.
+    `edges_ms`: (m + 1) edges of all histograms. `clock`: `counts` (m), `p99_ms`, `max_ms` of the lateness of BenchSync.
     `nodes`: for each `name`, `cycles`, `late`, `missing`, `longest_miss`, `miss_rate`, `jitter_ms`, `response_ms` (by
-    percentile: `p1`, `p50`, `p99`, `p99.9`, `max`) and `counts` (m). `period_ms` is the cycle, `miss_rate` the share of
-    the ECUs' deadlines that were missed.
+    percentile: `p1`, `p50`, `p99`, `p99.9`, `max`) and `counts` (m). `period_ms` is the cycle, `miss_rate` the fraction
+    of the ECUs' deadlines that were missed.
     """
     edges = np.arange(0.0, LONGEST_MS + BIN_MS, BIN_MS)
     return {
@@ -165,7 +165,7 @@ def histograms(times: Timing) -> dict[str, Any]:
 
 
 def _senders(codec: Codec, bus: str) -> Mapping[str, list[int]]:
-    """Identifiers of the frames with an alive counter that each node sends in every cycle on its vehicle's bus."""
+    """Return, by node, the identifiers of the frames with an alive counter that it sends every cycle on its bus."""
     senders: dict[str, list[int]] = {}
     for each in transmissions(bus, codec):
         if each.has_deadline:
@@ -174,7 +174,7 @@ def _senders(codec: Codec, bus: str) -> Mapping[str, list[int]]:
 
 
 def _first_receipts(table: NDArray[Any], can_id: int, count: int | None = None) -> NDArray[np.float64]:
-    """When the first frame of this identifier came in each of `count` cycles (all, if None), ns; nan where none did.
+    """Return when the first frame of this identifier arrived in each of `count` cycles (None: all), ns; NaN for none.
 
     Raises:
         BadInput: there are far more cycles than frames.
@@ -183,10 +183,10 @@ def _first_receipts(table: NDArray[Any], can_id: int, count: int | None = None) 
     cycles = rows["time"] // CYCLE_NS
     count = int(cycles.max(initial=-1)) + 1 if count is None else count
     if count > _MOST_CYCLES * (rows.size + 1):
-        raise BadInput(f"frame 0x{can_id:03X} has times that cannot be: {rows.size} frames up to cycle {count - 1}")
+        raise BadInput(f"frame 0x{can_id:03X} has impossible times: {rows.size} frames up to cycle {count - 1}")
     receipts = np.full(count, np.inf)
     inside = (cycles >= 0) & (cycles < count)
-    # From the first frame on: in float64 a time of today has steps of 256 ns.
+    # Relative to the first frame: in float64, absolute times have a resolution of 256 ns.
     times = (rows["receive"][inside] - table["receive"][0]).astype(np.float64)
     np.minimum.at(receipts, cycles[inside], times)
     return np.where(np.isinf(receipts), np.nan, receipts)

@@ -1,4 +1,4 @@
-"""Two runs laid over each other, as one page's data: A's figures with B's curves in them, and the figures of both."""
+"""Two overlaid runs as the data of one page: A's figures with B's curves in them, and the metrics of both."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from bench.analysis.metrics import Metrics
 from bench.analysis.page_data import PageData
 
 B = "B/"
-"""What the keys of B's columns begin with."""
+"""Prefix of the keys of B's columns."""
 
 Value = float | Sequence[float | None] | None
 
-# Of each row of `requirements.table` that holds numbers: where they are, digits and unit of a difference.
+# For each numeric row of `requirements.table`: its values, and digits and unit of a difference.
 _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Formation time": (lambda m: m.formation_time_s, 2, "s"),
     "Least distance": (lambda m: m.least_distance_m, 2, "m"),
@@ -21,7 +21,7 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Final speeds": (lambda m: m.final_speeds_mps, 3, "m/s"),
     "Final lateral errors": (lambda m: m.final_lateral_errors_m, 3, "m"),
     "Final yaw angles": (lambda m: m.final_yaws_rad, 4, "rad"),
-    "Least margin to the yaw rate's boundary": (lambda m: m.boundary_margin_min, 3, ""),
+    "Least margin to the stability boundary": (lambda m: m.boundary_margin_min, 3, ""),
     "Speed error, RMS": (lambda m: m.speed_rmse_mps, 4, "m/s"),
     "Yaw rate error, RMS": (lambda m: m.yaw_rate_rmse_radps, 5, "rad/s"),
     "Solver, median / p99": (lambda m: _times(m.solver_ms), 2, "ms"),
@@ -35,7 +35,7 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
 
 
 def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics]) -> PageData:
-    """Return the data of a page that shows both runs, from the data of each and what they are judged by."""
+    """Return the data of a page that shows both runs, from the data and the metrics of each."""
     return {
         **a,
         "figures": _figures(a["figures"], b["figures"]),
@@ -46,7 +46,7 @@ def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics]) -> Page
 
 
 def _figures(of_a: list[dict[str, Any]], of_b: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """A's figures with the curves of B, then, at the end of their groups, those that only B has."""
+    """Return A's figures with the curves of B; figures that only B has are at the end of their groups."""
     second = {figure["id"]: figure for figure in of_b}
     figures = [_figure(_dotted(figure), second.pop(figure["id"], None)) for figure in of_a]
     for figure in second.values():
@@ -73,7 +73,7 @@ def _figure(a: dict[str, Any], b: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def _dotted(figure: dict[str, Any]) -> dict[str, Any]:
-    """Of two runs B's curves are dashed, and dotted those that are dashed where there is one."""
+    """With two runs, B's curves are dashed, and curves that are dashed for a single run are dotted."""
     told = {
         key: figure[key].replace("(dashed)", "(dotted)").replace("Dashed:", "Dotted:") for key in ("title", "caption")
     }
@@ -99,7 +99,7 @@ def _lanes(a: list[tuple[float, bool]], b: list[tuple[float, bool]]) -> list[tup
 
 
 def _compared(a: list[list[Any]], b: list[list[Any]], metrics: tuple[Metrics, Metrics]) -> list[list[Any]]:
-    """Rows of name, A's and B's value, B less A, A's and B's requirement and whether it is met."""
+    """Return rows: name, value of A and B, B − A, requirement of A and B, and whether A and B meet it."""
     first, second = {row[0]: row for row in a}, {row[0]: row for row in b}
     none = ["", "–", "", None, False]
     rows = []
@@ -110,7 +110,7 @@ def _compared(a: list[list[Any]], b: list[list[Any]], metrics: tuple[Metrics, Me
 
 
 def _difference(name: str, metrics: tuple[Metrics, Metrics]) -> str:
-    """Return B less A as text, value by value; empty where there are not as many in both."""
+    """Return B − A as text, value by value; empty if the runs have different numbers of values."""
     if name not in _NUMBERS:
         return ""
     numbers, digits, unit = _NUMBERS[name]

@@ -35,7 +35,7 @@ def test_a_signal_that_differs_is_drawn_twice_and_by_how_much(runs):
     over, by = figures
     assert over["title"] == "veh2 SteeringCommand.SteeringAngle"
     assert over["y_label"] == "SteeringAngle [rad]"
-    assert "From 0.200 s on; 40 values differ, by at most 0.04 rad." in over["caption"]
+    assert "0.200 s; 40 values differ, by at most 0.04 rad" in over["caption"]
     assert [(curve["name"], curve["run"]) for curve in over["curves"]] == [("A", "A"), ("B", "B")]
     (curve,) = by["curves"]
     assert pool[curve["x"]] == pytest.approx(np.arange(CYCLES) * 0.01)
@@ -63,9 +63,7 @@ def test_the_page_begins_with_what_differs_and_has_no_more_than_it_can_show(tmp_
     drawn = [figure for figure in data["figures"] if figure["group"] == "What differs"]
     assert data["figures"][: len(drawn)] == drawn
     assert len(drawn) == 2 * MAX_SIGNALS
-    assert drawn[0]["caption"].endswith(
-        f"{MAX_SIGNALS + 1} signals differ; the {MAX_SIGNALS} that begin first are drawn, and platoon diff lists all."
-    )
+    assert all(text in drawn[0]["caption"] for text in (f"{MAX_SIGNALS + 1} signals differ", "platoon diff"))
     for figure in data["figures"]:
         for curve in figure["curves"]:
             assert {curve["x"], curve["y"]} <= data["pool"].keys()

@@ -1,4 +1,4 @@
-// The vehicles on the road from above at the cursor's time, on a canvas.
+// A canvas with the vehicles on the road from above, at the time of the cursor.
 
 const TRAIL_S = 2.5;
 const TRAIL_STEP = 4;
@@ -7,7 +7,7 @@ const POSTS_M = 10;
 
 const animation = {
   canvas: byId("road"),
-  // The vehicle in the middle of the view; 0 for the platoon.
+  // The vehicle in the centre of the view; 0 for the platoon.
   follow: 0,
   visible: true,
   colours: {},
@@ -58,7 +58,7 @@ function drawGround(context, view) {
   context.lineWidth = 0.13;
   for (const [level, solid] of edges) {
     context.setLineDash(solid ? [] : [DASH.length, DASH.gap]);
-    // Dashes stay where they are on the road.
+    // Dashes are fixed to the road.
     context.lineDashOffset = from - Math.floor(from / (DASH.length + DASH.gap)) * (DASH.length + DASH.gap);
     context.beginPath();
     context.moveTo(from, -level);
@@ -113,11 +113,11 @@ function drawTrail(context, run, vehicle, time, { colour, ghost, pixel }) {
   context.restore();
 }
 
-// Each vehicle's number on it, or where it is beyond the view an arrow at the border and how far away it is.
+// Each vehicle's number on it; outside the view, an arrow at the border with the distance.
 function drawNumbers(context, time, toPixels, width) {
   context.textAlign = "center";
   context.textBaseline = "middle";
-  // Beside a ghost, whose car may be under another.
+  // Beside a ghost, because another car may cover it.
   const metre = toPixels({ X: 1, Y: 0 }).x - toPixels({ X: 0, Y: 0 }).x;
   const aside = (data.road.body.width / 2) * metre + 9;
   for (const run of shownRuns().reverse()) {

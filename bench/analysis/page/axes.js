@@ -1,7 +1,7 @@
-// Axes of a figure: round values, grid, names.
+// Axes of a figure: round values, grid, labels.
 
 const MARGIN = { right: 14, top: 10, bottom: 42 };
-// Room for the axis' name and, beside it, for numbers of so many pixels a character.
+// Room for the axis label, and the width of a digit beside it, in pixels.
 const NAME = 26;
 const CHARACTER = 7.2;
 
@@ -15,7 +15,7 @@ function ticks(low, high, count) {
   return { found, digits: Math.max(0, -Math.floor(Math.log10(step) + 1e-9)) };
 }
 
-// Where a figure of this size draws, and how values and pixels go together.
+// The drawing area of a figure of this size, and the conversion between values and pixels.
 function axesOf({ width, height }, x, y) {
   const up = ticks(y[0], y[1], (height - MARGIN.top - MARGIN.bottom) / 30);
   const longest = Math.max(4, ...up.found.map((value) => sign(value, up.digits).length));

@@ -1,6 +1,6 @@
-// A car from above, to scale, on a canvas whose unit is the metre, nose to the right at yaw angle 0.
+// A car from above, to scale, on a canvas in metres; at yaw angle 0 it points to the right.
 
-// Panes as shares of the car's length from its tail: where each begins, and how long it is.
+// Windows: start from the tail and length, as fractions of the car's length.
 const PANES = [[0.62, 0.13], [0.12, 0.09]];
 
 // `ghost`: only outlines, for the second of two runs.
@@ -30,7 +30,7 @@ function drawCar(context, pose, road, { colour, glass, tyre, ghost, pixel }) {
   context.restore();
 }
 
-// The front wheels turned by the steering angle; half of each wheel stands out of the body, so that it can be seen.
+// The front wheels are turned by the steering angle; half of each wheel protrudes from the body, to be visible.
 function drawWheels(context, steering, road, colour, outline) {
   const [length, breadth] = road.wheel;
   road.axles.forEach((x, axle) => {
@@ -53,7 +53,7 @@ function drawWheels(context, steering, road, colour, outline) {
   });
 }
 
-// Where a planner wants its vehicle to be: a place marked out on the road.
+// The target position of a planner, as an outline on the road.
 function drawSlot(context, X, Y, road, colour, pixel) {
   const { front, rear, width } = road.body;
   context.save();

@@ -1,11 +1,11 @@
-// The time that is shown everywhere, and the range of time that figures show.
+// The time shown everywhere, and the time range of the figures.
 
 const cursor = {
-  // s; always in the run.
+  // s; always within the run.
   time: firstTime(),
-  // What is zoomed to, s; null for all of the run.
+  // The zoomed range, s; null for the whole run.
   range: null,
-  // Whether it goes along with a run that goes on, until somebody takes it.
+  // Whether it follows the newest time of a live run, until the user moves it.
   follows: Boolean(data.live),
 };
 
@@ -23,7 +23,7 @@ function setTime(time) {
   });
 }
 
-// The same, by hand.
+// Set the time by user input.
 function takeTime(time) {
   cursor.follows = false;
   setTime(time);

@@ -1,13 +1,13 @@
-// What is shown: a run, or two laid over each other. It grows while a run goes on, and is replaced when that ends.
+// The data shown: one run, or two overlaid. During a live run it grows; when the run ends, it is replaced.
 
 let data = JSON.parse(byId("data").textContent);
 
-// The runs shown: A, and where there is one B, whose columns have names of their own.
+// The runs shown: A and, if there is one, B, whose columns have prefixed names.
 const runs = () => (data.other ? [data, data.other] : [data]);
 const column = (run, key) => data.pool[(run.prefix ?? "") + key];
 const letter = (run) => (data.other ? (run === data ? "A" : "B") : "");
 
-// What is shown of two runs laid over each other: a run, and the curves that are dashed where there is one run.
+// Visible layers of two overlaid runs: each run, and the curves that are dashed for a single run.
 const layers = { A: true, B: true, second: !data.other };
 const shownRuns = () => runs().filter((run) => !data.other || layers[letter(run)]);
 
@@ -19,12 +19,12 @@ function lastTime() {
   return Math.max(...runs().map((run) => column(run, "t").at(-1) ?? 0));
 }
 
-// All of the time there is to show; of a run that goes on, all that is to come.
+// The whole time range; of a live run, up to its planned end.
 function wholeRange() {
   return [firstTime(), data.live ? Math.max(data.road.duration, lastTime()) : lastTime()];
 }
 
-// Index of the last of the rising `times` that is not after `time`; -1 before the first.
+// Index of the last of the ascending `times` that is not after `time`; -1 before the first.
 function indexAt(times, time) {
   let low = -1;
   let high = times.length;
@@ -36,7 +36,7 @@ function indexAt(times, time) {
   return low;
 }
 
-// A value of a run at a time, on the straight line between its samples; null where there is none.
+// A value of a run at a time, linearly interpolated; null if there is none.
 function valueAt(run, key, time) {
   const [times, values] = [column(run, "t"), column(run, key)];
   if (!values?.length) return null;
@@ -46,7 +46,7 @@ function valueAt(run, key, time) {
   return value + ((next - value) * (time - times[index])) / (times[index + 1] - times[index]);
 }
 
-// A vehicle of a run, from 1, at a time; null where it is not known.
+// The pose of a vehicle (from 1) of a run at a time; null if unknown.
 function poseAt(run, vehicle, time) {
   const [X, Y, psi] = ["X", "Y", "psi"].map((name) => valueAt(run, `${vehicle}.${name}`, time));
   if (X === null || Y === null) return null;
@@ -56,7 +56,7 @@ function poseAt(run, vehicle, time) {
 
 const vehiclesOf = (run) => Array.from({ length: run.road.vehicles }, (_, index) => index + 1);
 
-// Put more at the end of columns and events.
+// Append to columns and events.
 function grow({ pool = {}, events = [] }) {
   for (const [key, values] of Object.entries(pool)) (data.pool[key] ??= []).push(...values);
   data.events.push(...events);

@@ -34,21 +34,21 @@ function ink(colour) {
 // A number with a true minus sign, never "−0".
 const sign = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
 
-// A value as a person reads it next to the figure.
+// A value as text for the legend.
 function reading(value) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value);
   if (size < 1e-4) return size === 0 ? "0" : value.toExponential(1).replaceAll("-", "−");
   return sign(value, size >= 1000 ? 0 : size >= 10 ? 2 : size >= 1 ? 3 : 4);
 }
-// As many characters as the longest of them has.
+// The length of the longest such text, in characters.
 const READING = 8;
 
 const seconds = (time) => `${time.toFixed(2)} s`;
 const percent = (share) => `${(100 * share).toFixed(1)} %`;
 const milliseconds = (time) => (time === null ? "–" : time.toFixed(time >= 99.95 ? 0 : 3));
 
-// What the viewer's system asks for.
+// Preferences of the viewer's system.
 const lessMotion = matchMedia("(prefers-reduced-motion: reduce)");
 const darkColours = matchMedia("(prefers-color-scheme: dark)");
 const finePointer = matchMedia("(pointer: fine)");

@@ -1,7 +1,7 @@
-// A run that goes on: what it is told comes over a WebSocket beside the page.
+// A live run: its data arrives over a WebSocket from the server of the page.
 //
-// Messages are JSON: {"append": {"pool": {name: [values]}, "events": [event]}}, values that columns grow by and
-// events as the data object has them; {"status": text}; {"replace": data}, everything, when the run has ended.
+// Messages are JSON: {"append": {"pool": {name: [values]}, "events": [event]}} with values to append to columns and
+// events as in the data object; {"status": text}; {"replace": data} with the complete data when the run has ended.
 
 function showAppended(more) {
   const before = lastTime();
@@ -44,7 +44,7 @@ function watchFeed() {
     }
   });
   socket.addEventListener("close", () => {
-    if (!ended) status.textContent = "the connection has ended; what came until then stays";
+    if (!ended) status.textContent = "connection closed; showing what arrived before";
     player.pause();
   });
 }

@@ -1,20 +1,20 @@
-// Faults and changes of mode on the time axes: what they are, and the text that a mark shows when pointed at.
+// Marks of faults and mode changes on the time axes, and the text that a mark shows when pointed at.
 
 const SERIOUS = ["warning", "error", "fatal"];
-// Marks nearer to each other than this are one, in pixels.
+// Marks closer than this, in pixels, are merged.
 const APART = 9;
 const LINES_OF_TIP = 8;
 
-// Whether an event is no more than that a part has started, or of no interest to who looks at a run.
+// Whether an event only reports the start of a component, or is for debugging.
 function isUsual({ kind, level, fields }) {
   const starts = kind === "state_change" && ["init", "wait"].includes(fields.before);
   return level === "debug" || (level === "info" && starts);
 }
 
-// How an event is drawn: as a fault, or as its level has it.
+// How an event is drawn: as a fault, or by its level.
 const lookOf = ({ kind, level }) => (["fault_begins", "fault_ends"].includes(kind) ? "fault" : level);
 
-// Each event that is more than that: time, what it says, and how grave it is.
+// The other events: time, text and look.
 function eventMarks() {
   const found = [];
   for (const run of runs()) {
@@ -32,7 +32,7 @@ function eventMarks() {
 
 const says = (run, time, source, text) => `${[letter(run), seconds(time), source].filter(Boolean).join(" ")}: ${text}`;
 
-// Spans of time in which a fault was there; one that has not ended goes on to the end.
+// Time spans with an active fault; one that does not end lasts to the end of the run.
 function faultSpans() {
   const spans = [];
   for (const run of runs()) {
@@ -54,7 +54,7 @@ function faultSpans() {
 
 const GRAVITY = ["info", "formed", "warning", "fault", "error", "fatal"];
 
-// Marks that would lie on each other, as one: where, all their texts, and the look of the gravest.
+// Overlapping marks merged into one: position, all their texts, and the look of the most severe.
 function clusters(range, toX) {
   const found = [];
   for (const mark of eventMarks()) {
@@ -69,7 +69,7 @@ function clusters(range, toX) {
   return found;
 }
 
-// Draw spans and marks at the top of a figure that is `height` high: a wedge for each, its text when pointed at.
+// Draw spans and marks at the top of a figure of this `height`: a wedge each, with its text when pointed at.
 function drawMarks(parent, range, toX, { top, height }) {
   for (const { start, end } of faultSpans()) {
     if (end < range[0] || start > range[1]) continue;

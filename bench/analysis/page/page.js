@@ -1,4 +1,4 @@
-// Puts the page together, and draws anew what its size asks for.
+// Assembles the page, and redraws it when its width changes.
 
 function showAll() {
   fillHeader();
@@ -34,7 +34,7 @@ addEventListener("resize", () => {
   drawAnimation();
 });
 
-// On paper figures have the paper's width, and what is folded is told.
+// In print, figures have the width of the paper, and folded sections are open.
 let unfolded = [];
 addEventListener("beforeprint", () => {
   printing = true;
@@ -50,7 +50,7 @@ addEventListener("afterprint", () => {
 
 document.documentElement.classList.add("alive");
 byId("hint").textContent = finePointer.matches
-  ? "Point at a figure to move the time; drag to look closer, double-click or Esc to go back. Space plays, arrows step."
+  ? "Point at a figure to move the time; drag to zoom, double-click or press Esc to zoom out. Space plays, arrows step."
   : "Touch a figure to move the time, a mark to read it.";
 if (data.other) offerLayers();
 showAll();

@@ -1,8 +1,8 @@
-// What plays, and the controls for it: button, time line, speed, whom to follow, keys.
+// The player and its controls: button, time line, speed, vehicle to follow, keys.
 
-// With less motion asked for, playing goes in steps of so much wall-clock time, ms.
+// With reduced motion, the player advances in steps of this wall-clock time, ms.
 const STEP_MS = 500;
-// How far behind the newest a picture of a run that goes on may be, s, so that it moves evenly.
+// Delay of the animation behind the newest data of a live run, s, so that it moves smoothly.
 const BEHIND_S = 0.8;
 
 const player = {
@@ -37,7 +37,7 @@ const player = {
     takeTime(cursor.time);
   },
 
-  // What is played: the range zoomed to, or all there is.
+  // The time range that is played: the zoomed one, or all available.
   bounds() {
     const [from, to] = shownRange();
     return [from, Math.min(to, lastTime())];
@@ -57,7 +57,7 @@ const player = {
     const [, to] = this.bounds();
     let time = cursor.time + passed * this.speed;
     if (cursor.follows) {
-      // Evenly, but never far behind.
+      // Smoothly, but never far behind.
       time = lessMotion.matches ? to : Math.max(cursor.time + passed, to - 2 * BEHIND_S);
       setTime(Math.min(time, to));
       return;
@@ -83,7 +83,7 @@ function showTimeLine() {
   place(slider, { min: from, max: to, step: data.road.cycle });
   const svg = byId("line");
   const width = svg.clientWidth || 600;
-  // The thumb's middle goes from half its width to half its width before the end.
+  // The thumb's centre stays half its width away from both ends.
   const thumb = 8;
   const toX = (time) => thumb + ((time - from) / Math.max(1e-9, to - from)) * (width - 2 * thumb);
   svg.setAttribute("viewBox", `0 0 ${width} 14`);
@@ -92,9 +92,9 @@ function showTimeLine() {
   showTime(cursor.time);
 }
 
-// ---- what each vehicle does, below the road
+// ---- the state of each vehicle, below the road
 
-// State of each part of a vehicle from the events up to `time`: run, degraded, safe ...
+// State of each component from the events up to `time`: run, degraded, safe ...
 function statesAt(run, time) {
   const states = new Map();
   for (const { time_s: at, source, kind, fields } of run.events) {
@@ -107,7 +107,7 @@ function statesAt(run, time) {
 const PARTS = ["planner", "tracker", "actuators"];
 const WORSE_STATES = ["degraded", "hold", "safe"];
 
-// "degraded: planner, tracker; safe: actuators"; empty where all is well.
+// E.g. "degraded: planner, tracker; safe: actuators"; empty if all states are normal.
 function worse(states, vehicle) {
   return WORSE_STATES.map((state) => [state, PARTS.filter((part) => states.get(`veh${vehicle}.${part}`) === state)])
     .filter(([, parts]) => parts.length).map(([state, parts]) => `${state}: ${parts.join(", ")}`).join("; ");
@@ -151,7 +151,7 @@ function goOn() {
   player.start();
 }
 
-// Space plays and pauses, arrows step a tenth of a second, with shift a cycle; Home and End; digits follow a vehicle.
+// Space plays and pauses; arrows step 0.1 s, or one cycle with Shift; Home and End; digits follow a vehicle.
 function pressedKey(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const where = event.target;

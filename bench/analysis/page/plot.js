@@ -1,6 +1,6 @@
-// One figure: its curves as SVG, its legend, the cursor in it, and what a pointer does there.
+// One figure: curves as SVG, legend, cursor, and pointer input.
 
-// Widths of figures on an A4 page; on paper their text keeps its size.
+// Widths of figures on an A4 page, so that text keeps its size in print.
 const PAPER = { wide: 690, narrow: 330 };
 
 let printing = false;
@@ -10,7 +10,7 @@ class Plot {
     this.figure = figure;
     this.hidden = new Set();
     this.visible = true;
-    // What has to be drawn anew when it comes into view: nothing, the cursor, everything.
+    // What to redraw when it comes into view: null, "cursor" or "all".
     this.stale = null;
     this.card = element(parent, "section", { class: figure.wide ? "card wide" : "card", id: figure.id });
     element(this.card, "h3", {}, figure.title);
@@ -26,7 +26,7 @@ class Plot {
   }
 
   addKey(curve, index) {
-    // Curves of one name share a key: a value and its reference, one run's and the other's.
+    // Curves of one name share a key: a value and its reference, in both runs.
     const first = this.figure.curves.findIndex((other) => other.name === curve.name);
     if (!curve.name || first !== index) return null;
     const key = element(this.keys, "button", { class: "key", type: "button", "aria-pressed": "true" });
@@ -34,7 +34,7 @@ class Plot {
     sample.style.borderColor = ink(curve.colour);
     key.append(curve.name);
     const value = element(key, "b");
-    // Room for what is read, so that nothing moves while the cursor does.
+    // Reserve room for the values, so that the layout does not move with the cursor.
     const beside = this.figure.curves.filter((other) => other.name === curve.name && other.at && this.inLayer(other));
     value.style.minWidth = `${beside.length * READING + Math.max(0, beside.length - 1) * 2}ch`;
     key.addEventListener("click", () => {
@@ -57,7 +57,7 @@ class Plot {
     return this.figure.curves.filter((curve) => this.isShown(curve));
   }
 
-  // Data range of a coordinate; over time only of what the range of time shows.
+  // Data range of a coordinate; over time only within the shown range.
   extent(axis) {
     let low = Infinity;
     let high = -Infinity;
@@ -85,7 +85,7 @@ class Plot {
       y[0] = Math.min(y[0], value);
       y[1] = Math.max(y[1], value);
     }
-    // Nothing to show, or nothing yet.
+    // No data, or none yet.
     if (!Number.isFinite(y[0])) [y[0], y[1]] = [0, 1];
     if (!Number.isFinite(x[0])) x = [0, 1];
     if (!(x[1] > x[0])) x = [x[0] - 1, x[0] + 1];
@@ -168,7 +168,7 @@ class Plot {
     path.style.fillOpacity = 0.35;
   }
 
-  // Of two runs B's curves are dashed, and dotted are those of both that are dashed where there is one.
+  // With two runs, B's curves are dashed, and curves that are dashed for a single run are dotted.
   look(curve) {
     const b = curve.run === "B" ? " b" : "";
     if (curve.points) return `curve points${b}`;
@@ -176,7 +176,7 @@ class Plot {
     return curve.dash || b ? `curve dash${b}` : "curve";
   }
 
-  // The cursor, a dot on each curve, and its value in the legend.
+  // The cursor, a dot on each curve, and the values in the legend.
   drawCursor() {
     if (this.stale === "cursor") this.stale = null;
     const { toX, toY, inner } = this.axes;
@@ -200,7 +200,7 @@ class Plot {
     place(this.selection, { x: from, width: to - from });
   }
 
-  // The time of the place pointed at: of the axis, or of the nearest point of a curve.
+  // The time pointed at: on the axis, or of the nearest point of a curve.
   timeAt(event) {
     const box = this.svg.getBoundingClientRect();
     const scale = this.width / box.width;
@@ -222,7 +222,7 @@ class Plot {
   }
 
   pointed(event) {
-    // A mouse that only passes does not stop what is playing.
+    // A mouse that only passes over does not stop the player.
     if (player.playing && event.pointerType === "mouse" && !this.brush) return;
     const time = this.timeAt(event);
     if (this.brush) this.brush.to = time;
@@ -252,7 +252,7 @@ class Plot {
   }
 }
 
-// ---- all figures together: what is in view is drawn at once, the rest when there is time or it comes into view
+// ---- all figures: those in view are drawn at once, the others later or when they come into view
 
 const plots = [];
 const LATER_MS = 250;

@@ -1,4 +1,4 @@
-// What is told in words and numbers: verdict, metrics, events, buses, versions, scenario.
+// Text and tables: verdict, metrics, events, buses, versions, scenario.
 
 const heading = (parent, texts) => {
   const row = element(element(parent, "thead"), "tr");
@@ -7,7 +7,7 @@ const heading = (parent, texts) => {
 
 function fillHeader() {
   byId("name").textContent = runs().map((run) => run.scenario).join(" and ");
-  byId("description").textContent = data.other ? "Two runs laid over each other: A solid, B dashed." : data.description;
+  byId("description").textContent = data.other ? "Two runs overlaid: A solid, B dashed." : data.description;
   const parent = byId("verdicts");
   parent.replaceChildren();
   for (const run of runs()) {
@@ -19,12 +19,12 @@ function fillHeader() {
 }
 
 function verdict(run) {
-  if (data.live) return { text: "The run goes on." };
+  if (data.live) return { text: "The run is in progress." };
   const missed = run.metrics.filter((row) => row[3] === false && !row[4]).map((row) => row[0].toLowerCase());
   const parts = ["No platoon formed"];
-  if (run.formed) parts[0] = run.formation_time > 0 ? `Formed after ${seconds(run.formation_time)}` : "Formed from the start on";
+  if (run.formed) parts[0] = run.formation_time > 0 ? `Formed after ${seconds(run.formation_time)}` : "Formed from the start";
   if (!run.complete) parts.push(`the run is not complete (${run.damage || run.status})`);
-  if (missed.length) parts.push(`not as asked: ${missed.join(", ")}`);
+  if (missed.length) parts.push(`requirements missed: ${missed.join(", ")}`);
   return { text: `${parts.join("; ")}.`, good: run.formed && run.complete && !missed.length };
 }
 
@@ -34,7 +34,7 @@ function fillMetrics() {
   parent.hidden = !data.metrics.length;
   const table = element(parent, "table");
   if (data.other) return fillCompared(table);
-  heading(table, ["Figure", "Value", "Asked", ""]);
+  heading(table, ["Metric", "Value", "Required", ""]);
   const body = element(table, "tbody");
   for (const [name, value, asked, met] of data.metrics) {
     const row = element(body, "tr");
@@ -51,7 +51,7 @@ function fillMetrics() {
 
 function fillCompared(table) {
   table.className = "compared";
-  heading(table, ["Figure", "A", "B", "B − A", "Asked"]);
+  heading(table, ["Metric", "A", "B", "B − A", "Required"]);
   const body = element(table, "tbody");
   for (const [name, a, b, difference, askedA, askedB, metA, metB] of data.compared) {
     const row = element(body, "tr");
@@ -74,7 +74,7 @@ function fillEvents() {
   const told = rows.slice(0, MOST_EVENTS);
   const more = runs().reduce((sum, run) => sum + run.more_events, 0) + all.length - told.length;
   parent.hidden = !rows.length;
-  byId("event-count").textContent = `Faults and changes of mode (${rows.length})`;
+  byId("event-count").textContent = `Faults and mode changes (${rows.length})`;
   const body = byId("event-rows");
   body.replaceChildren();
   for (const event of told) {
@@ -88,7 +88,7 @@ function fillEvents() {
     element(row, "td", {}, run ? `${run} ${source}` : source);
     element(row, "td", {}, text);
   }
-  if (more) element(element(body, "tr"), "td", { colspan: "3" }, `and ${more} more in the log, as when a part has started`);
+  if (more) element(element(body, "tr"), "td", { colspan: "3" }, `and ${more} more in the log, e.g. starts of components`);
 }
 
 function fillDetails() {
@@ -101,7 +101,7 @@ function fillDetails() {
   };
   const values = runs().map((run) => new Map(run.facts));
   const names = new Set(values.flatMap((facts) => [...facts.keys()]));
-  const table = element(section("Versions, seed and how it was run"), "table");
+  const table = element(section("Versions, seed and run settings"), "table");
   if (data.other) heading(table, ["", "A", "B"]);
   const body = element(table, "tbody");
   for (const name of names) {
@@ -112,8 +112,8 @@ function fillDetails() {
   }
   const same = data.other && data.other.toml === data.toml;
   for (const run of same ? [data] : runs()) {
-    const whose = same ? ", the same in A and B" : letter(run) && ` of ${letter(run)}`;
-    element(section(`Scenario${whose}, complete`), "pre", {}, run.toml);
+    const whose = same ? ", identical in A and B" : letter(run) && ` of ${letter(run)}`;
+    element(section(`Complete scenario${whose}`), "pre", {}, run.toml);
   }
 }
 
@@ -137,7 +137,7 @@ function fillBuses() {
   byId("strip").hidden = !byId("strip").querySelector("svg");
   const tables = byId("bus-tables");
   tables.replaceChildren();
-  const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Its bound", "Busiest cycle", "at"]);
+  const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Bound of mean", "Busiest cycle", "at"]);
   for (const run of runs()) {
     for (const bus of run.buses) {
       numberRow(all, [
@@ -157,7 +157,7 @@ function fillResponses(parent, bus, run) {
   const made = element(parent, "details");
   const late = bus.messages.filter((message) => !message[9]).length;
   const beyond = bus.messages.filter((message) => !message[8]).length;
-  const notes = [late ? `${late} slower than their period` : "", beyond ? `${beyond} beyond their bound` : ""];
+  const notes = [late ? `${late} slower than their period` : "", beyond ? `${beyond} above their bound` : ""];
   const note = notes.filter((text) => text).map((text) => `; ${text}`).join("");
   const which = run ? `${bus.bus} of ${run}` : bus.bus;
   element(made, "summary", {}, `Response times on ${which} (${bus.messages.length} messages${note})`);
@@ -175,7 +175,7 @@ function fillResponses(parent, bus, run) {
       ["td", "number", period === null ? "–" : String(period)],
     ]);
   }
-  const text = "From the wait for the bus to the end of the frame. The bound is that of Davis et al. (2007) for frames of "
-    + "the greatest length, with the release jitter of this run; only faults and frames from outside go beyond it.";
+  const text = "From release to the end of the frame. The bound is the worst-case response time of Davis et al. (2007) for frames "
+    + "of maximum length, with the release jitter of this run; only faults and frames from outside can exceed it.";
   element(made, "p", { class: "caption" }, text);
 }

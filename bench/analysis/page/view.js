@@ -1,17 +1,17 @@
-// What part of the road the animation shows: a function of the time alone, so that going back shows the same again.
+// The section of road shown by the animation: a function of time only, so that rewinding shows the same view.
 
 const VIEW = {
-  // Pixels for a metre: never fewer, so that cars can be told apart; never more.
+  // Limits of pixels per metre; the lower one keeps cars distinguishable.
   least: 4.5,
   most: 26,
-  // Road to see around the platoon, and ahead of and behind one vehicle, m.
+  // Visible road around the platoon, and ahead of and behind a followed vehicle, m.
   around: 7,
   ahead: 24,
-  // Beside the road, m.
+  // Margin beside the road, m.
   beside: 1.6,
 };
 
-// Middle in m, pixels a metre and half of the width in m of the view at `time`, `follow` being 0 for the platoon.
+// Centre in m, pixels per metre and half the width in m of the view at `time`; `follow` is 0 for the platoon.
 function viewAt(time, width, height, follow) {
   const poses = runs().flatMap((run) => vehiclesOf(run).map((vehicle) => poseAt(run, vehicle, time))).filter(Boolean);
   const edges = data.road.edges.map(([level]) => level);
@@ -23,7 +23,7 @@ function viewAt(time, width, height, follow) {
   if (followed) [from, to] = [followed.X - VIEW.ahead, followed.X + VIEW.ahead];
   const scale = clamp(Math.min(width / (to - from), height / (high - low)), VIEW.least, VIEW.most);
   const half = width / scale / 2;
-  // Where not all can be seen, those at the head are.
+  // If not all vehicles fit, the head of the platoon is shown.
   const X = (from + to) / 2 + Math.max(0, (to - from) / 2 - half);
   return { X, Y: (low + high) / 2, scale, half };
 }
