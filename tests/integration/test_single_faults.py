@@ -24,6 +24,7 @@ SAMPLE = [
     Case("Reference yaw rate stuck", 1, 1.0),
     Case("steering stuck at 0.03 rad", 1, 1.0),
     Case("ice under all", 1, 0.0),
+    Case("front left tyre blows out", 3, 0.0),
 ]
 
 
