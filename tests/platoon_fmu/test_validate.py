@@ -25,6 +25,8 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 FOLDERS = {2: "linux64" if sys.platform == "linux" else "darwin64", 3: fmpy.platform_tuple}
 ME, CS = Kind.MODEL_EXCHANGE, Kind.CO_SIMULATION
 VERSIONS = pytest.mark.parametrize("version", [2, 3])
+# Where what is checked does not depend on it.
+EITHER_VERSION = pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.nightly), 3])
 
 # For each fault which checks find it, and what they say.
 FAULTS = {
@@ -126,7 +128,7 @@ def test_a_fault_is_found_by_the_check_that_is_there_for_it_and_by_no_other(spri
     assert not expected or any(said in check.text for check in wrong), wrong
 
 
-@VERSIONS
+@EITHER_VERSION
 def test_a_binary_that_hangs_is_one_problem_and_the_checks_go_on(spring, version):
     checks = list(validate(spring(version, "FAULT_HANG"), timeout_s=6.0))
     (hung,) = problems(checks)
@@ -137,7 +139,7 @@ def test_a_binary_that_hangs_is_one_problem_and_the_checks_go_on(spring, version
     assert found(checks, "declared dependencies").outcome is Outcome.PASSED
 
 
-@VERSIONS
+@EITHER_VERSION
 def test_a_binary_that_crashes_later_leaves_the_other_checks(spring, version):
     checks = list(validate(spring(version, "FAULT_POINTER")))
     assert found(checks, "reset", CS).outcome is Outcome.PASSED
@@ -156,7 +158,7 @@ def test_what_is_not_claimed_is_skipped_and_says_so(spring, version):
             assert check.text == f"the FMU does not claim it: {flag} is not set"
 
 
-@VERSIONS
+@EITHER_VERSION
 def test_of_what_can_be_instantiated_once_there_is_one_instance_at_a_time(spring, version):
     once = 'modelIdentifier="Spring" canBeInstantiatedOnlyOncePerProcess="true"'
     checks = list(validate(spring(version, "FAULT_SHARED", replace=('modelIdentifier="Spring"', once))))
@@ -173,7 +175,7 @@ def test_with_state_events_the_kinds_are_not_compared(spring):
     assert "state events" in found(checks, "as Model Exchange").text
 
 
-@VERSIONS
+@EITHER_VERSION
 @pytest.mark.parametrize("feature", WITHOUT_FAULT)
 def test_what_is_no_fault_is_no_problem(spring, version, feature):
     checks = list(validate(spring(version, feature)))
@@ -184,7 +186,7 @@ def test_what_is_no_fault_is_no_problem(spring, version, feature):
     assert skipped == ([events] if feature == "WITH_TIME_EVENTS" else [])
 
 
-@VERSIONS
+@EITHER_VERSION
 def test_an_event_that_does_not_settle_is_a_problem_of_every_model_exchange_check(spring, version):
     checks = list(validate(spring(version, "FAULT_UNSETTLED")))
     text = "the event at t = 0 s does not settle in 1000 iterations"
@@ -197,7 +199,7 @@ def test_where_nothing_is_declared_no_dependency_is_missing(spring):
     assert problems(checks) == []
 
 
-@VERSIONS
+@EITHER_VERSION
 def test_what_fmpy_finds_is_told_beside_the_dynamic_checks(spring, version):
     checks = list(validate(spring(version, replace=(' start="4"', ""))))
     (wrong,) = problems(checks)
