@@ -15,6 +15,7 @@ from cantools.database.can import Database, Message, Signal
 from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
+from bench.bus.frame import CanFrame
 from bench.bus.topic import V2V, vehicle_bus
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
@@ -171,8 +172,8 @@ class Codec:
         self._layout_of(name)
         return self.database.get_message_by_name(name)
 
-    def encode(self, name: str, values: Mapping[str, float], counter: int = 0) -> tuple[int, bytes]:
-        """Return identifier and data of the message `name`.
+    def encode(self, name: str, values: Mapping[str, float], counter: int = 0) -> CanFrame:
+        """Return the frame of the message `name`.
 
         `values` holds a physical value, in the DBC's unit, for every signal but CRC and AliveCounter; values
         of other names are left aside. A value outside the signal's range becomes its nearest end, NaN its
@@ -201,13 +202,13 @@ class Codec:
             given = ", ".join(values)
             raise EncodeError(f"message {name}: signal {error} has no value; given: {given}") from None
         if not layout.data_id:
-            return layout.can_id, word.to_bytes(layout.length, "little")
+            return CanFrame(layout.can_id, word.to_bytes(layout.length, "little"))
         word |= counter % e2e.COUNTER_MODULUS << 8
         crc = layout.crc_start
         table = e2e.CRC_TABLE
         for byte in (word >> 8).to_bytes(layout.length - 1, "little"):
             crc = table[crc ^ byte]
-        return layout.can_id, (word | crc).to_bytes(layout.length, "little")
+        return CanFrame(layout.can_id, (word | crc).to_bytes(layout.length, "little"))
 
     def decode(self, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
         """Return the name of a frame's message and the physical values of all its signals.

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.link.base import Link
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_MS
@@ -52,7 +53,7 @@ class Outbox:
         self._queue: list[_Queued] = []
         self._start_values: dict[tuple[str, str], dict[str, float]] = {}
         self._periods: dict[tuple[str, str], int] = {}
-        self._held: defaultdict[int, list[tuple[str, int, bytes]]] = defaultdict(list)
+        self._held: defaultdict[int, list[BusFrame]] = defaultdict(list)
         self._memories: defaultdict[tuple[int, str, int], Memory] = defaultdict(dict)
 
     def put(self, bus: str, message: str, values: Signals) -> None:
@@ -93,7 +94,7 @@ class Outbox:
     def _values(self, item: _Queued) -> dict[str, float]:
         return {**self._start_values[item.bus, item.message], **item.values}
 
-    def _encoded(self, item: _Queued, cycle: int) -> tuple[int, bytes]:
+    def _encoded(self, item: _Queued, cycle: int) -> CanFrame:
         return self._codecs[item.bus].encode(item.message, self._values(item), cycle)
 
     def _send_faulty(self, queue: Iterable[_Queued], faults: Faults, cycle: int, lockstep: bool) -> None:
@@ -138,7 +139,7 @@ class Outbox:
         for fault, frame, memory in hits:
             passage = fault.passage(changed, frame, memory)
             if passage.late:
-                self._held[frame.cycle + passage.late].append((frame.bus, frame.can_id, changed))
+                self._held[frame.cycle + passage.late].append(BusFrame(frame.bus, frame.can_id, changed))
             if passage.late != 0:
                 return [], False
             behind += passage.behind

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 
 from bench.bus.codec import Codec, load_codecs
+from bench.bus.frame import CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
@@ -59,7 +60,7 @@ def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> Non
             pass
 
 
-def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, tuple[int, bytes]]:
+def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, CanFrame]:
     """BenchSync of a cycle on every bus."""
     values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": cycle, "Time": time_of(cycle)}
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.bus.codec import Codec
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
 from bench.bus.states import BenchCommand
@@ -112,7 +113,7 @@ class Conductor(ABC):
         """Record what has come of cycles that were not recorded."""
 
     @abstractmethod
-    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """See `Listener`."""
 
     @abstractmethod
@@ -123,15 +124,15 @@ class Conductor(ABC):
         """See `Listener`."""
         self._words.append((name, text))
 
-    def _sync(self, command: BenchCommand, cycle: int) -> list[tuple[str, int, bytes]]:
+    def _sync(self, command: BenchCommand, cycle: int) -> list[BusFrame]:
         """Send the BenchSync of a cycle on all buses; return the frames, for the log."""
         values = {"Command": command, "Cycle": cycle, "Time": time_of(cycle)}
         return [self._send(bus, BENCH_SYNC, values, cycle) for bus in self._links]
 
-    def _send(self, bus: str, message: str, values: Mapping[str, float], cycle: int) -> tuple[str, int, bytes]:
+    def _send(self, bus: str, message: str, values: Mapping[str, float], cycle: int) -> BusFrame:
         can_id, data = self._codecs[bus].encode(message, values, cycle)
         self._links[bus].send(can_id, data)
-        return bus, can_id, data
+        return BusFrame(bus, can_id, data)
 
     def _when(self) -> str:
         return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"

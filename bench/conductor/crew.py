@@ -15,6 +15,7 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
 from bench.bus.ties import Kind, ReportReader, Truth, read_truth
 from bench.bus.topic import Topic
@@ -52,7 +53,7 @@ class Ended(RunFailed):
 class Listener(Protocol):
     """Takes what a crew brings."""
 
-    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """Take frames that have come on a bus."""
 
     def truth(self, row: Truth) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.network import Transmission, transmissions
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.topic import Topic
@@ -31,7 +32,7 @@ class CycleFrames:
 
     Attributes:
         number: the cycle being collected.
-        frames: identifier and data of the frames that came, by bus.
+        frames: the frames that came, by bus.
         strays: frames that no cycle should bring, or not again, since `begin`.
         spoiled: frames still due that have come with a wrong CRC only, by bus and identifier.
     """
@@ -52,7 +53,7 @@ class CycleFrames:
         self._count = 0
         self.number = -1
         self._counter = 0
-        self.frames: dict[str, list[tuple[int, bytes]]] = {bus: [] for bus in due}
+        self.frames: dict[str, list[CanFrame]] = {bus: [] for bus in due}
         self.strays: list[tuple[str, int]] = []
         self.spoiled: set[tuple[str, int]] = set()
 
@@ -87,7 +88,7 @@ class CycleFrames:
         """Whether every frame that is due has come."""
         return self._count == 0
 
-    def take(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def take(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """Take in frames that have come on `bus`."""
         self.frames[bus].extend(frames)
         missing, absent_id = self._missing[bus], self._absent_id[bus]
@@ -126,15 +127,15 @@ class CycleFrames:
             self._count -= 1
         self._count -= self._extra.pop((bus, can_id), 0)
 
-    def ordered(self) -> Iterator[tuple[str, int, bytes]]:
+    def ordered(self) -> Iterator[BusFrame]:
         """Give the frames in the order of the log: by bus, then by identifier, whatever order they came in."""
         for bus, frames in self.frames.items():
             absent_id = self._absent_id[bus]
             # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
             for can_id, data in sorted(
-                frames, key=lambda frame: (frame[0], frame[1][2:] if frame[0] == absent_id else b"")
+                frames, key=lambda frame: (frame.can_id, frame.data[2:] if frame.can_id == absent_id else b"")
             ):
-                yield bus, can_id, data
+                yield BusFrame(bus, can_id, data)
 
     def missing(self) -> list[Transmission]:
         """The frames that have not come."""

@@ -9,6 +9,7 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
 from bench.bus.codec import Codec, DecodeError
+from bench.bus.frame import CanFrame
 from bench.bus.link.address import Address
 from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
@@ -17,8 +18,6 @@ from bench.conductor.crew import Crew
 from bench.conductor.cycle import frames_due
 from bench.errors import BadInput, RunFailed
 from bench.faults.base import Fault
-
-Frames = Sequence[tuple[int, bytes]]
 
 
 def free_slots(without: Collection[str], vehicles: int, address: Address) -> list[EcuSlot]:
@@ -106,14 +105,14 @@ class FreeSlots:
                 )
             crew.attend(left)
 
-    def note(self, bus: str, frames: Frames) -> None:
+    def note(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """Note whose frames these are."""
         for can_id, _ in frames:
             due = self._due[bus].get(can_id)
             if due is not None:
                 self._waiting.pop(due.sender, None)
 
-    def without_signs(self, bus: str, frames: Frames) -> Frames:
+    def without_signs(self, bus: str, frames: Sequence[CanFrame]) -> Sequence[CanFrame]:
         """Leave out what an ECU sent before it knew that the run has begun."""
         if not self._status:
             return frames

@@ -9,6 +9,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
@@ -25,8 +26,6 @@ if TYPE_CHECKING:  # the recorder's imports take place while the processes start
 SPOILED_S = 0.1
 """Wall-clock time in s without a frame after which one that came with a wrong CRC is taken to have been the one due."""
 
-Sent = list[tuple[str, int, bytes]]
-
 
 class Lockstep(Conductor):
     """Conducts a run cycle by cycle: `cycle` is under way, those before it are complete."""
@@ -36,7 +35,7 @@ class Lockstep(Conductor):
         super().__init__(means)
         self._frames = CycleFrames(frames_due(means.codecs, means.vehicles), means.codecs, means.desk.plan)
         self._truth: list[Truth] = []
-        self._sent: Sent = []
+        self._sent: list[BusFrame] = []
         self._failures: list[EcuFailed] = []
         self._cycles = 0
         self._wall_s = 0.0
@@ -83,7 +82,7 @@ class Lockstep(Conductor):
         """See `Conductor`."""
         self._sync(BenchCommand.STOP, self.cycle)
 
-    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """See `Listener`."""
         if self._frames.number < 0:
             self._free.note(bus, frames)

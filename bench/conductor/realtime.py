@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from bench import events
 from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
 from bench.bus.ties import Truth
@@ -51,19 +52,26 @@ SETTLE_CYCLES = 2
 _POLL_S = 0.01
 
 
+class _Received(NamedTuple):
+    """A frame, and when it was received (ns)."""
+
+    received_ns: int
+    frame: BusFrame
+
+
 @dataclass
 class _Cycle:
     """What has come of a cycle.
 
     Attributes:
-        frames: time of receipt (ns), bus, identifier and data.
+        frames: those that have come.
         begun: when its BenchSync came, by bus (ns).
         done: when the newest frame with a counter of each sender came, by name (ns).
         seen: identifiers of the frames with a counter, by bus.
         truth: its truth rows.
     """
 
-    frames: list[tuple[int, str, int, bytes]] = field(default_factory=list)
+    frames: list[_Received] = field(default_factory=list)
     begun: dict[str, int] = field(default_factory=dict)
     done: dict[str, int] = field(default_factory=dict)
     seen: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
@@ -164,7 +172,7 @@ class Realtime(Conductor):
         """See `Conductor`; the clock stops too."""
         self._sync(BenchCommand.STOP, self.cycles)
 
-    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """See `Listener`."""
         times = self._links[bus].times
         if times is None:
@@ -182,7 +190,7 @@ class Realtime(Conductor):
                 number = self._cycle_of(bus, can_id, data, received)
             else:
                 continue
-            self._open[number].frames.append((received, bus, can_id, data))
+            self._open[number].frames.append(_Received(received, BusFrame(bus, can_id, data)))
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""
@@ -269,8 +277,8 @@ class Realtime(Conductor):
         truth, cycle.truth = cycle.truth, []
         words, self._words = self._words, []
         strays, self._strays = self._strays, []
-        frames = [(bus, can_id, data) for _, bus, can_id, data in ordered]
-        recorder.cycle(number, frames, truth, strays, words, [received for received, *_ in ordered])
+        frames = [each.frame for each in ordered]
+        recorder.cycle(number, frames, truth, strays, words, [each.received_ns for each in ordered])
 
     def _judge(self, number: int, crew: Crew, recorder: "Recorder") -> None:
         """Note who has missed the end of a cycle."""

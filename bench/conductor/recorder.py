@@ -6,6 +6,7 @@ from contextlib import contextmanager
 
 from bench import events
 from bench.bus.codec import Codec
+from bench.bus.frame import BusFrame
 from bench.bus.ties import Truth
 from bench.bus.wire.timing import BusTimeline
 from bench.conductor.process_watch import ProcessWatch
@@ -70,7 +71,7 @@ class Recorder:
     def cycle(
         self,
         number: int,
-        frames: Iterable[tuple[str, int, bytes]],
+        frames: Iterable[BusFrame],
         truth: Iterable[Truth],
         strays: Iterable[tuple[str, int]],
         words: Sequence[tuple[str, str]],
@@ -80,7 +81,7 @@ class Recorder:
 
         Args:
             number: its number.
-            frames: bus, identifier and data of all its frames.
+            frames: all its frames.
             truth: its truth rows.
             strays: bus and identifier of frames that should not have come; each is noted once a run.
             words: what processes have written to their standard error, each with its name.
@@ -145,7 +146,7 @@ class Recorder:
         decoded = (self._codecs[bus].decode(can_id, data)[1] for (bus, can_id), data in self._health.items())
         return sum(int(values.get(signal, 0)) for values in decoded)
 
-    def _note_states(self, time_ns: int, frames: Iterable[tuple[str, int, bytes]]) -> None:
+    def _note_states(self, time_ns: int, frames: Iterable[BusFrame]) -> None:
         """Record as events what frames show of the states and the counts of those that sent them."""
         health_ids, watched = self._health_ids, self._states.watched
         for bus, can_id, data in frames:

@@ -30,6 +30,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bench.bus.codec import Codec
+from bench.bus.frame import BusFrame
 from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.events import Event
@@ -146,9 +147,9 @@ class RunWriter:
 
     def frame(self, bus: str, time_ns: int, can_id: int, data: bytes, receive_ns: int) -> None:
         """Record one frame; see `frames`."""
-        self.frames(time_ns, [(bus, can_id, data)], [receive_ns])
+        self.frames(time_ns, [BusFrame(bus, can_id, data)], [receive_ns])
 
-    def frames(self, time_ns: int, frames: Sequence[tuple[str, int, bytes]], receive_ns: Sequence[int]) -> None:
+    def frames(self, time_ns: int, frames: Sequence[BusFrame], receive_ns: Sequence[int]) -> None:
         """Record frames of one time.
 
         Args:

@@ -6,10 +6,11 @@ from itertools import zip_longest
 
 from bench.bus.codec import DecodeError
 from bench.bus.e2e import CRC_SIGNAL
+from bench.bus.frame import BusFrame
 from bench.bus.topic import Signals, Topic
 from bench.cycle import time_of
 from bench.record.compare import SignalDifference
-from bench.resim.recording import EcuLog, Frame
+from bench.resim.recording import EcuLog
 from bench.resim.rerun import Step
 from bench.resim.tolerance import Tolerance
 
@@ -132,7 +133,7 @@ class Comparison:
         except DecodeError:
             return {}
 
-    def _pairs(self, logged: Sequence[Frame], sent: Sequence[Frame]) -> list[Pair]:
+    def _pairs(self, logged: Sequence[BusFrame], sent: Sequence[BusFrame]) -> list[Pair]:
         sides = [self._by_identifier(frames) for frames in (logged, sent)]
         return [
             Pair(bus, can_id, rank, a, b)
@@ -140,7 +141,7 @@ class Comparison:
             for rank, (a, b) in enumerate(zip_longest(*(side.get((bus, can_id, about), []) for side in sides)))
         ]
 
-    def _by_identifier(self, frames: Sequence[Frame]) -> dict[tuple[str, int, int], list[bytes]]:
+    def _by_identifier(self, frames: Sequence[BusFrame]) -> dict[tuple[str, int, int], list[bytes]]:
         """Sort frames by bus, identifier and, of announcements, the identifier that they announce as absent."""
         found: dict[tuple[str, int, int], list[bytes]] = {}
         for frame in frames:

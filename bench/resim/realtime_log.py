@@ -7,9 +7,10 @@ import numpy.typing as npt
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.frame import BusFrame
 from bench.bus.topic import vehicle_bus
 from bench.conductor.realtime import SETTLE_CYCLES
-from bench.resim.recording import EcuLog, Frame, frames_of
+from bench.resim.recording import EcuLog, frames_of
 
 _NEVER = 1 << 62
 _STEP_TIME = "StepTime"
@@ -30,7 +31,7 @@ class Feed:
             frames = frames_of(bus, recorded.table)
             columns = (recorded.table["receive"].tolist(), recorded.cycles.tolist(), log.own_rows(bus).tolist())
             parts += list(zip(*columns, frames, strict=True))
-        self._own: dict[int, list[tuple[int, Frame]]] = {}
+        self._own: dict[int, list[tuple[int, BusFrame]]] = {}
         for received, cycle, own, frame in parts:
             if own:
                 self._own.setdefault(cycle, []).append((received, frame))
@@ -61,7 +62,7 @@ class Feed:
         began = first - int(self._timed[1, timing]) if timing < self._timed.shape[1] else first
         return began if began > self._begun_everywhere(cycle) else first
 
-    def own(self, cycle: int) -> list[Frame]:
+    def own(self, cycle: int) -> list[BusFrame]:
         """Return what the ECU sent as frames of a cycle."""
         return [frame for _, frame in self._own.get(cycle, ())]
 
@@ -77,7 +78,7 @@ class Feed:
         """Skip frames received before a cycle began."""
         self._at = max(self._at, int(np.searchsorted(self._received, self.begun(cycle))))
 
-    def until(self, time_ns: int) -> list[Frame]:
+    def until(self, time_ns: int) -> list[BusFrame]:
         """Return the frames that were received before a time and have not been returned yet."""
         start, self._at = self._at, max(self._at, int(np.searchsorted(self._received, time_ns)))
         return [frame for _, frame in self._others[start : self._at]]
@@ -96,7 +97,7 @@ class Naming:
         self._at: dict[str, int] = {}
         self._seen: set[tuple[str, int, int]] = set()
 
-    def cycle_of(self, frame: Frame, now: int) -> int:
+    def cycle_of(self, frame: BusFrame, now: int) -> int:
         """Return the cycle of a frame that is sent in the cycle `now`."""
         bus, can_id, data = frame
         codec = self._codecs[bus]
@@ -113,7 +114,7 @@ class Naming:
         return cycle
 
 
-def _names(codecs: Mapping[str, Codec], frame: Frame, cycle: int) -> bool:
+def _names(codecs: Mapping[str, Codec], frame: BusFrame, cycle: int) -> bool:
     """Return whether a frame is whole and its alive counter that of a cycle."""
     bus, can_id, data = frame
     codec = codecs[bus]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import check
+from bench.bus.frame import BusFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.network import EcuSlot
 from bench.bus.outbox import BENCH_ABSENT
@@ -18,9 +19,6 @@ from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS
 from bench.faults.base import Fault
 from bench.record.reader import Run
-
-Frame = tuple[str, int, bytes]
-"""Bus, identifier and data."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +80,11 @@ def _data(row: Any) -> bytes:
     return bytes(row["data"].tobytes()[: int(row["length"])])
 
 
-def frames_of(bus: str, rows: npt.NDArray[Any]) -> list[Frame]:
+def frames_of(bus: str, rows: npt.NDArray[Any]) -> list[BusFrame]:
     """Return rows of a bus's table as frames."""
     data = rows["data"].tobytes()
     sizes = zip(rows["can_id"].tolist(), rows["length"].tolist(), strict=True)
-    return [(bus, can_id, data[8 * n : 8 * n + length]) for n, (can_id, length) in enumerate(sizes)]
+    return [BusFrame(bus, can_id, data[8 * n : 8 * n + length]) for n, (can_id, length) in enumerate(sizes)]
 
 
 def _first_gap(synced: Sequence[npt.NDArray[np.bool_]]) -> int:
@@ -163,7 +161,7 @@ class EcuLog:
     def _sends(self) -> list[Topic]:
         return self.slot.sends(self.codecs)
 
-    def is_own(self, frame: Frame) -> bool:
+    def is_own(self, frame: BusFrame) -> bool:
         """Return whether this ECU sends the frame's identifier, or announces one of its frames as absent."""
         bus, can_id, _ = frame
         if can_id == self._absent_ids[bus]:
@@ -179,7 +177,7 @@ class EcuLog:
         own = [*self._own[bus], *(can_id for on, can_id in self._babble if on == bus)]
         return np.isin(self.buses[bus].table["can_id"], own)
 
-    def absent(self, frame: Frame) -> int | None:
+    def absent(self, frame: BusFrame) -> int | None:
         """Return which identifier a frame announces as absent, None where it does not."""
         bus, can_id, data = frame
         codec = self.codecs[bus]
@@ -187,7 +185,7 @@ class EcuLog:
             return None
         return int(codec.decode(can_id, data)[1]["Identifier"])
 
-    def cycle(self, number: int) -> list[Frame]:
+    def cycle(self, number: int) -> list[BusFrame]:
         """Return all frames of a cycle on the ECU's buses: BenchSync first, what is announced as absent last.
 
         This is the order of sending: an absence is announced after any other frame of its identifier. The log is in
@@ -195,4 +193,4 @@ class EcuLog:
         """
         frames = [f for bus, log in self.buses.items() for f in frames_of(bus, log.of_cycle(number))]
         syncs = {bus: codec.can_id(BENCH_SYNC) for bus, codec in self.codecs.items()}
-        return sorted(frames, key=lambda f: (f[1] != syncs[f[0]], f[1] == self._absent_ids[f[0]]))
+        return sorted(frames, key=lambda f: (f.can_id != syncs[f.bus], f.can_id == self._absent_ids[f.bus]))

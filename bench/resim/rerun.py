@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.node import Node
 from bench.bus.ties import Truth
@@ -27,7 +28,7 @@ from bench.ecu.runtime import EcuNode
 from bench.faults.base import Fault
 from bench.faults.plan import FaultPlan, is_off
 from bench.resim.realtime_log import Feed, Naming
-from bench.resim.recording import EcuLog, Frame
+from bench.resim.recording import EcuLog
 from bench.resim.step_limit import StepLimit
 from bench.resim.witness import Witness
 from bench.scenario import Scenario
@@ -44,8 +45,8 @@ class Step:
     """
 
     cycle: int
-    logged: Sequence[Frame]
-    sent: Sequence[Frame]
+    logged: Sequence[BusFrame]
+    sent: Sequence[BusFrame]
 
 
 class Rerun:
@@ -76,7 +77,7 @@ class Rerun:
         self._plan = FaultPlan(faults, scenario.seed)
         self._hub = Hub()
         self._links = {bus: DirectLink(bus, self._hub) for bus in log.codecs}
-        self._sent: list[Frame] = []
+        self._sent: list[BusFrame] = []
         self._now_s = 0.0
         self._witnesses: list[Witness] = []
         self._stack = ExitStack()
@@ -116,9 +117,9 @@ class Rerun:
         """
         return self._realtime() if self._log.realtime else self._lockstep()
 
-    def frames(self, bus: str, frames: Sequence[tuple[int, bytes]]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
         """See `bench.conductor.crew.Listener`."""
-        self._sent += [(bus, can_id, data) for can_id, data in frames]
+        self._sent += [BusFrame(bus, *frame) for frame in frames]
 
     def truth(self, row: Truth) -> None:
         """See `bench.conductor.crew.Listener`; no ECU has any."""
@@ -138,7 +139,7 @@ class Rerun:
         node = EcuNode(slot.name, witness, links, codecs, sends, self._plan, clock=lambda: self._now_s)
         return node, witness.inputs
 
-    def _work(self) -> list[Frame]:
+    def _work(self) -> list[BusFrame]:
         """Let the ECU step if it can, and return what it sends."""
         while self._crew.attend(0.0):
             pass
@@ -155,12 +156,12 @@ class Rerun:
                 if self._log.is_own(frame) and not (away and self._log.absent(frame) is not None):
                     logged.append(frame)
                 else:
-                    self._links[frame[0]].send(*frame[1:])
+                    self._links[frame.bus].send(frame.can_id, frame.data)
             yield Step(cycle, logged, self._work())
 
     def _realtime(self) -> Iterator[Step]:
         feed, naming = Feed(self._log), Naming(self._log)
-        sent: dict[int, list[Frame]] = {}
+        sent: dict[int, list[BusFrame]] = {}
         for cycle in self._cycles_with_a_step(feed):
             sent.setdefault(cycle, [])
             for frame in self._step_in_time(feed, cycle):
@@ -192,11 +193,11 @@ class Rerun:
                 self._fresh = False
             yield cycle
 
-    def _step_in_time(self, feed: Feed, cycle: int) -> list[Frame]:
+    def _step_in_time(self, feed: Feed, cycle: int) -> list[BusFrame]:
         """Let the ECU do its step of a cycle with the frames received by then, and return what it sends."""
         for bus, can_id, data in feed.until(min(feed.step_began(cycle), feed.begun(cycle + 1))):
             self._links[bus].send(can_id, data)
-        sent: list[Frame] = []
+        sent: list[BusFrame] = []
         # First with the cycle just begun, then with its waiting time over.
         for now in (cycle, cycle + 1):
             self._now_s = time_of(now)

@@ -3,6 +3,7 @@
 import pytest
 
 from bench.bus.codec import load_codecs
+from bench.bus.frame import CanFrame
 from bench.bus.topic import Topic
 from bench.conductor.cycle import CycleFrames, frames_due
 from bench.faults.frames import FrameDuplicate
@@ -17,7 +18,7 @@ INPUTS = {
 }
 
 
-def frame(bus: str, message: str, counter: int) -> tuple[int, bytes]:
+def frame(bus: str, message: str, counter: int) -> CanFrame:
     return CODECS[bus].encode(message, CODECS[bus].start_values(message), counter)
 
 
@@ -74,7 +75,7 @@ def test_the_order_of_the_log_does_not_depend_on_the_order_of_arrival() -> None:
 def test_strays_are_noted_and_kept(frames: CycleFrames) -> None:
     first = frame("veh1", "Reference", 7)
     frames.take("veh1", [first, first])
-    frames.take("veh1", [frame("veh1", "SteeringCommand", 6), (0x7FF, b"\x01")])
+    frames.take("veh1", [frame("veh1", "SteeringCommand", 6), CanFrame(0x7FF, b"\x01")])
     assert frames.strays == [("veh1", first[0]), ("veh1", 0x300), ("veh1", 0x7FF)]
     assert len(list(frames.ordered())) == 4
     assert Topic("veh1", "SteeringCommand") in [due.topic for due in frames.missing()]
@@ -114,7 +115,7 @@ def test_a_message_of_a_longer_cycle_time_is_due_in_every_nth_cycle() -> None:
         assert {due.message for due in frames.missing() if due.bus == "veh1"} & slow == expected
 
 
-def absence(can_id: int, cycle: int) -> tuple[int, bytes]:
+def absence(can_id: int, cycle: int) -> CanFrame:
     return CODECS["veh1"].encode("BenchAbsent", {"Identifier": can_id, "Cycle": cycle}, cycle)
 
 
@@ -131,7 +132,7 @@ def test_a_frame_announced_as_absent_is_not_waited_for(frames: CycleFrames) -> N
     frames.take("veh1", [absence(0x200, 6)])
     assert not frames.complete
     spoiled = absence(0x200, 7)
-    frames.take("veh1", [(spoiled[0], bytes([spoiled[1][0] ^ 1, *spoiled[1][1:]]))])
+    frames.take("veh1", [CanFrame(spoiled.can_id, bytes([spoiled[1][0] ^ 1, *spoiled[1][1:]]))])
     assert not frames.complete
     frames.take("veh1", [absence(0x200, 7)])
     assert frames.complete
@@ -140,7 +141,7 @@ def test_a_frame_announced_as_absent_is_not_waited_for(frames: CycleFrames) -> N
 
 def test_a_due_frame_with_a_wrong_crc_does_not_count_until_it_is_given_up(frames: CycleFrames) -> None:
     can_id, data = frame("veh1", "Reference", 7)
-    frames.take("veh1", [(can_id, bytes([data[0] ^ 0x10, *data[1:]]))])
+    frames.take("veh1", [CanFrame(can_id, bytes([data[0] ^ 0x10, *data[1:]]))])
     assert frames.spoiled == {("veh1", can_id)}
     assert can_id in [due.can_id for due in frames.missing() if due.bus == "veh1"]
     frames.give_up("veh1", can_id)

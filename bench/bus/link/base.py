@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection
 from types import TracebackType
 
+from bench.bus.frame import CanFrame
 from bench.errors import RunFailed
 
 EXTENDED = 0x8000_0000
@@ -44,8 +45,8 @@ class Link(ABC):
         """
 
     @abstractmethod
-    def receive(self) -> list[tuple[int, bytes]]:
-        """Return identifier and data of the frames that have arrived, in order, without waiting for any.
+    def receive(self) -> list[CanFrame]:
+        """Return the frames that have arrived, in order, without waiting for any.
 
         Identifiers of 29 bits have the bit `EXTENDED` set. A very full queue is returned in parts.
 

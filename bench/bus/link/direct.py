@@ -6,6 +6,7 @@ more.
 
 from collections import deque
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import MOST_FRAMES, Link
 
 
@@ -14,7 +15,7 @@ class Hub:
 
     def __init__(self) -> None:
         """Make a hub that nobody listens to yet."""
-        self.queues: dict[str, list[deque[tuple[int, bytes]]]] = {}
+        self.queues: dict[str, list[deque[CanFrame]]] = {}
 
 
 class DirectLink(Link):
@@ -23,18 +24,18 @@ class DirectLink(Link):
     def __init__(self, name: str, hub: Hub) -> None:
         """Join the bus `name` of `hub`."""
         super().__init__(name)
-        self._queue: deque[tuple[int, bytes]] = deque()
+        self._queue: deque[CanFrame] = deque()
         self._queues = hub.queues.setdefault(name, [])
         self._queues.append(self._queue)
 
     def send(self, can_id: int, data: bytes) -> None:
         """See `Link`."""
-        frame = (can_id, bytes(data))
+        frame = CanFrame(can_id, bytes(data))
         for queue in self._queues:
             if queue is not self._queue:
                 queue.append(frame)
 
-    def receive(self) -> list[tuple[int, bytes]]:
+    def receive(self) -> list[CanFrame]:
         """See `Link`."""
         return [self._queue.popleft() for _ in range(min(len(self._queue), MOST_FRAMES))]
 

@@ -5,6 +5,7 @@ from typing import Any
 import can
 from can.util import cast_from_string
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import EXTENDED, MOST_FRAMES, Link, LinkError
 from bench.bus.link.place import Place
 from bench.errors import BadInput
@@ -39,9 +40,9 @@ class InterfaceLink(Link):
         except can.CanError as error:
             raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error}") from error
 
-    def receive(self) -> list[tuple[int, bytes]]:
+    def receive(self) -> list[CanFrame]:
         """See `Link`."""
-        frames: list[tuple[int, bytes]] = []
+        frames: list[CanFrame] = []
         for _ in range(MOST_FRAMES):
             try:
                 message = self._bus.recv(timeout=0)
@@ -53,7 +54,7 @@ class InterfaceLink(Link):
                 self.ignored += 1
                 continue
             extended = EXTENDED if message.is_extended_id else 0
-            frames.append((message.arbitration_id | extended, bytes(message.data)))
+            frames.append(CanFrame(message.arbitration_id | extended, bytes(message.data)))
         return frames
 
     def fileno(self) -> int:

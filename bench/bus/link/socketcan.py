@@ -7,6 +7,7 @@ from collections.abc import Collection
 
 from can.interfaces.socketcan import SocketcanBus
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import LinkError
 from bench.bus.link.kernel_links import check_links
 from bench.bus.link.sockets import SocketLink
@@ -50,12 +51,12 @@ class SocketcanLink(SocketLink):
         filters = b"".join(_FILTER.pack(can_id, _EXACTLY) for can_id in can_ids)
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
 
-    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+    def _parse(self, datagram: bytes) -> CanFrame | None:
         can_id, length, data = _FRAME.unpack(datagram)
         if can_id & _REMOTE_OR_ERROR:
             self.ignored += 1
             return None
-        return can_id, data[:length]
+        return CanFrame(can_id, data[:length])
 
 
 def _open(name: str, channel: str) -> SocketcanBus:

@@ -11,6 +11,7 @@ import struct
 from abc import abstractmethod
 from typing import Protocol
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import MOST_FRAMES, Link, LinkError
 from bench.errors import BadInput
 
@@ -60,12 +61,12 @@ class SocketLink(Link):
             ) from error
 
     @abstractmethod
-    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+    def _parse(self, datagram: bytes) -> CanFrame | None:
         """Return the frame in a datagram; None for one of our own, or one to be ignored (and counted)."""
 
-    def receive(self) -> list[tuple[int, bytes]]:
+    def receive(self) -> list[CanFrame]:
         """See `Link`."""
-        frames: list[tuple[int, bytes]] = []
+        frames: list[CanFrame] = []
         try:
             if self.times is None:
                 self._receive(frames)
@@ -78,7 +79,7 @@ class SocketLink(Link):
             raise LinkError(f"bus {self.name}: no frames can be received: {error.strerror}") from error
         return frames
 
-    def _receive(self, frames: list[tuple[int, bytes]]) -> None:
+    def _receive(self, frames: list[CanFrame]) -> None:
         """Put into `frames` what has arrived, up to the `BlockingIOError` when there is no more."""
         receive, parse = self._socket.recv, self._parse
         for _ in range(MOST_FRAMES):
@@ -86,7 +87,7 @@ class SocketLink(Link):
             if frame is not None:
                 frames.append(frame)
 
-    def _receive_timed(self, frames: list[tuple[int, bytes]], times: list[int]) -> None:
+    def _receive_timed(self, frames: list[CanFrame], times: list[int]) -> None:
         """The same, with the time at which the kernel got each."""
         receive, parse = self._socket.recvmsg, self._parse
         for _ in range(MOST_FRAMES):

@@ -12,6 +12,7 @@ from typing import Any
 
 from can.interfaces.udp_multicast import UdpMulticastBus
 
+from bench.bus.frame import CanFrame
 from bench.bus.link.base import EXTENDED, LinkError
 from bench.bus.link.multicast import MulticastSocket
 from bench.bus.link.sockets import SocketLink
@@ -114,7 +115,7 @@ class UdpLink(SocketLink):
         """
         self._selected = frozenset(_head(can_id) for can_id in can_ids)
 
-    def _parse(self, datagram: bytes) -> tuple[int, bytes] | None:
+    def _parse(self, datagram: bytes) -> CanFrame | None:
         if self._selected is not None:
             head = datagram[_HEAD]
             if head not in self._selected and head.startswith(_ID_KEY):
@@ -123,24 +124,24 @@ class UdpLink(SocketLink):
         shape = datagram[:_DATA_AT] + datagram[_DATA_END:]
         if shape in self._known:
             can_id = self._known[shape]
-            return None if can_id is None else (can_id, datagram[_DATA_AT:_DATA_END])
+            return None if can_id is None else CanFrame(can_id, datagram[_DATA_AT:_DATA_END])
         frame = self._unpacked(datagram)
         own = self._mark_bytes in datagram
         if len(self._known) < _REMEMBERED and len(datagram) > _LEAST_BYTES:
             if own and datagram[_DATA_AT - 2 : _DATA_AT] == _EIGHT_BYTES:
                 self._known[shape] = None
-            elif frame is not None and frame[1] == datagram[_DATA_AT:_DATA_END]:
-                self._known[shape] = frame[0]
+            elif frame is not None and frame.data == datagram[_DATA_AT:_DATA_END]:
+                self._known[shape] = frame.can_id
         return None if own else frame
 
-    def _unpacked(self, datagram: bytes) -> tuple[int, bytes] | None:
+    def _unpacked(self, datagram: bytes) -> CanFrame | None:
         try:
             frame = self._unpack(datagram)
             can_id, data = frame["arbitration_id"], frame["data"]
             extended = EXTENDED if frame["is_extended_id"] else 0
             others = frame["is_remote_frame"] or frame["is_error_frame"] or frame["is_fd"]
             if not others and 0 <= can_id < (1 << 29 if extended else 1 << 11) and len(data) <= 8:
-                return can_id | extended, bytes(data)
+                return CanFrame(can_id | extended, bytes(data))
         except (ValueError, TypeError, KeyError):
             # Anybody can send anything to a UDP port.
             pass

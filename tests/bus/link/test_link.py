@@ -337,7 +337,7 @@ with open_link("v2v", Address.parse("udp:43113")) as a, open_link("v2v", Address
         done = subprocess.run([*in_namespace, sys.executable, "-c", code], capture_output=True, text=True, check=False)
         assert done.stderr == ""
         assert "no route for multicast" in done.stdout
-        assert done.stdout.splitlines()[-1] == "[(1, b'mended')]"
+        assert done.stdout.splitlines()[-1] == "[CanFrame(can_id=1, data=b'mended')]"
 
 
 def missing_vcan():
