@@ -48,7 +48,7 @@ def test_what_came_in_time_is_answered_with_the_same_bytes(reworked, tmp_path):
         assert (outcome.cycles, outcome.steps) == (100, 100)
     write(make_plan(Run(log), ["veh1.tracker"]), outcomes[:1], tmp_path / "new.mcap", "test")
     notes = make_plan(Run(tmp_path / "new.mcap"), ["veh1.tracker"]).notes
-    told = "how long the steps of these took: veh1.tracker (bench.ecu.tracker:TrackerEcu);"
+    told = "computing times of these ECUs: veh1.tracker (bench.ecu.tracker:TrackerEcu);"
     assert [note for note in notes if told in note]
 
 
