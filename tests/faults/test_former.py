@@ -8,6 +8,7 @@ import pytest
 from bench.analysis.metrics import compute
 from bench.analysis.report import render
 from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.events import FaultRequested
 from bench.faults.former import renewed
@@ -32,7 +33,7 @@ def former_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     text = scenario.toml().replace("axle_softening", "tyre_blowout")
     monkeypatch.setattr(Scenario, "toml", lambda _: text)
     out = tmp_path / "former.mcap"
-    return Run(run(scenario, address=Address.parse("direct"), out=out, command_line=["test"], ecus=SIMPLE).path)
+    return Run(run(RunOptions(scenario, Address.parse("direct"), out, ["test"], SIMPLE)).path)
 
 
 def test_what_an_earlier_version_called_a_blowout_of_an_axle_is_its_softening(former_log: Run) -> None:
