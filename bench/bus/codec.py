@@ -1,7 +1,7 @@
 """From physical values to CAN frames and back, as the DBC files describe them.
 
-cantools reads the DBC; every message's layout is turned once into shift-and-mask tables, which give the same
-results as cantools' own codec in a fraction of the time.
+cantools reads the DBC; each message's layout is compiled once into shift-and-mask tables, which give the same results
+as cantools' own codec in a fraction of the time.
 """
 
 import struct
@@ -21,13 +21,13 @@ from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
 
 DEFAULT_BIT_RATE = 500_000
-"""Bits per second of a bus whose DBC does not tell."""
+"""Bits per second of a bus whose DBC has no attribute Baudrate."""
 
 DEFAULT_TIMEOUT_CYCLES = 10
-"""Periods without a good frame after which a message is lost whose DBC does not tell."""
+"""Periods without a valid frame after which a message is lost if its DBC has no GenMsgTimeoutTime."""
 
 MAX_VEHICLES = 16
-"""Vehicles that dbc/v2v.dbc has messages for."""
+"""Number of vehicles for which dbc/v2v.dbc has messages."""
 
 
 def _dbc_dir() -> Path:
@@ -37,7 +37,7 @@ def _dbc_dir() -> Path:
 
 
 DBC_DIR = _dbc_dir()
-"""The folder of vehicle.dbc and v2v.dbc: at the top of a checkout, in the package where the wheel is installed."""
+"""The folder of vehicle.dbc and v2v.dbc: at the top of a checkout, inside the package if installed from the wheel."""
 
 
 class DecodeError(BenchError):
@@ -45,7 +45,7 @@ class DecodeError(BenchError):
 
 
 class EncodeError(BenchError):
-    """A message name that the DBC does not have, or a signal without a value."""
+    """The DBC has no message of this name, or a signal has no value."""
 
 
 class SignalBits(NamedTuple):
@@ -69,7 +69,7 @@ class SignalBits(NamedTuple):
 
 
 class _Encoded(NamedTuple):
-    """How a value becomes bits: round((value - offset) / scale), low and high included, NaN becomes start."""
+    """How a value becomes bits: round((value - offset) / scale), clamped to [low, high]; NaN becomes start."""
 
     signal: str
     shift: int
@@ -82,23 +82,23 @@ class _Encoded(NamedTuple):
 
 
 class _Layout(NamedTuple):
-    """One message, ready to be coded. CRC and counter are not among `encoded`: `encode` computes them."""
+    """The tables of one message. `encoded` excludes CRC and counter: `encode` computes them."""
 
     name: str
     can_id: int
     length: int
     data_id: int
-    """E2E data id, 0 for an unprotected message."""
+    """E2E data ID, 0 for an unprotected message."""
     wall_clock: bool
     crc_start: int
     encoded: tuple[_Encoded, ...]
     encoded_floats: tuple[_Encoded, ...]
     bits: tuple[SignalBits, ...]
-    """Of all signals, in the DBC's order."""
+    """All signals, in the DBC's order."""
     integers: tuple[tuple[str, int, int, int, float, float], ...]
-    """Of those that are no floats, `bits` up to `offset`: plain tuples, as these are unpacked for every frame."""
+    """Integer signals, `bits` up to `offset`: plain tuples, because they are unpacked for every frame."""
     floats: tuple[tuple[str, int, int], ...]
-    """Of the floats, `bits` up to `mask`."""
+    """Float signals, `bits` up to `mask`."""
 
 
 _FLOAT32 = struct.Struct("<f")
@@ -108,19 +108,20 @@ class Codec:
     """Encodes and decodes the messages of one DBC file.
 
     Attributes:
-        file_name: the DBC file's name; empty where there is none.
-        dbc: its content; empty where there is none.
+        file_name: the DBC file's name; empty if there is none.
+        dbc: its content; empty if there is none.
         database: the DBC file as cantools has read it.
-        names: message names in the order of their identifiers.
-        not_numbers: NaN values that `encode` replaced by the signal's start value, so far.
-        saturated: values outside their signal's range that `encode` replaced by its nearest end, so far.
+        names: message names, sorted by identifier.
+        not_numbers: number of NaN values that `encode` has replaced by the signal's start value.
+        saturated: number of values outside their signal's range that `encode` has clamped.
     """
 
     def __init__(self, dbc_path: Path) -> None:
-        """Read the DBC file at `dbc_path`; content already read in this process is not parsed again.
+        """Read the DBC file at `dbc_path`; a process parses the same content only once.
 
         Raises:
-            BadInput: the file is missing, no valid DBC, or has what this codec does not code (see `_layout`).
+            BadInput: the file is missing, not a valid DBC, or uses features that this codec does not support (see
+                `_layout`).
         """
         try:
             dbc = dbc_path.read_bytes()
@@ -130,7 +131,7 @@ class Codec:
 
     @classmethod
     def from_bytes(cls, dbc: bytes, file_name: str) -> "Codec":
-        """Make a codec of a DBC file's content, e.g. of the one attached to a log.
+        """Create a codec from a DBC file's content, e.g. one attached to a log.
 
         Raises:
             BadInput: as the constructor.
@@ -175,10 +176,9 @@ class Codec:
     def encode(self, name: str, values: Mapping[str, float], counter: int = 0) -> CanFrame:
         """Return the frame of the message `name`.
 
-        `values` holds a physical value, in the DBC's unit, for every signal but CRC and AliveCounter; values
-        of other names are left aside. A value outside the signal's range becomes its nearest end, NaN its
-        start value; both are counted. In a protected message AliveCounter becomes `counter` modulo 15 and CRC
-        is computed.
+        `values` holds a physical value, in the DBC's unit, for every signal except CRC and AliveCounter; other names
+        are ignored. A value outside the signal's range is clamped, NaN is replaced by the start value; both are
+        counted. In a protected message AliveCounter is set to `counter` modulo 15 and CRC is computed.
 
         Raises:
             EncodeError: the DBC has no such message, or a signal has no value.
@@ -213,10 +213,10 @@ class Codec:
     def decode(self, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
         """Return the name of a frame's message and the physical values of all its signals.
 
-        CRC and AliveCounter are given as they are, unchecked (see `bench.bus.e2e`); states as numbers.
+        CRC and AliveCounter are returned unchecked (see `bench.bus.e2e`), states as numbers.
 
         Raises:
-            DecodeError: the DBC has no such identifier, or `data` has not its length.
+            DecodeError: the DBC has no such identifier, or `data` has the wrong length.
         """
         layout = self._by_id.get(can_id)
         if layout is None:
@@ -233,7 +233,7 @@ class Codec:
         return layout.name, values
 
     def bits(self, name: str) -> tuple[SignalBits, ...]:
-        """Return where in its frame each signal of the message `name` is, in the DBC's order.
+        """Return the bit layout of each signal of the message `name`, in the DBC's order.
 
         Raises:
             EncodeError: the DBC has no such message.
@@ -261,7 +261,7 @@ class Codec:
         return tuple(self._by_id)
 
     def period(self, name: str) -> int:
-        """Return in every how many cycles of the bench the message `name` is sent: 1 also where it has no cycle time.
+        """Return the period of the message `name` in cycles of the bench; 1 if it has no cycle time.
 
         Raises:
             EncodeError: the DBC has no such message.
@@ -269,9 +269,9 @@ class Codec:
         return max(1, round((self.message(name).cycle_time or 0) / CYCLE_MS))
 
     def timeout_cycles(self, name: str) -> int:
-        """Return after how many cycles without a good frame the message `name` is lost.
+        """Return the number of cycles without a valid frame after which the message `name` is lost.
 
-        The DBC's attribute GenMsgTimeoutTime; where it has none, `DEFAULT_TIMEOUT_CYCLES` times its period.
+        The DBC's attribute GenMsgTimeoutTime; if absent, `DEFAULT_TIMEOUT_CYCLES` times its period.
 
         Raises:
             EncodeError: the DBC has no such message.
@@ -288,12 +288,12 @@ class Codec:
         return self._layout_of(name).can_id
 
     def name_of(self, can_id: int) -> str | None:
-        """Return the name of the message of this identifier, None where the DBC has none."""
+        """Return the name of the message of this identifier, None if absent."""
         layout = self._by_id.get(can_id)
         return layout.name if layout else None
 
     def data_id(self, name: str) -> int:
-        """Return the E2E data id of the message `name`, 0 for one that is not protected.
+        """Return the E2E data ID of the message `name`, 0 if it is unprotected.
 
         Raises:
             EncodeError: the DBC has no such message.
@@ -305,11 +305,11 @@ class Codec:
         return all(values[signal] in states for signal, states in self._states.get(can_id, ()))
 
     def is_protected(self, can_id: int) -> bool:
-        """Return whether the frames of this identifier carry an E2E CRC and counter; unknown ones do not."""
+        """Return whether the frames of this identifier carry an E2E CRC and counter; False for unknown ones."""
         return can_id in self._data_ids
 
     def is_wall_clock(self, can_id: int) -> bool:
-        """Return whether the message holds wall-clock figures; unknown ones do not."""
+        """Return whether the message holds wall-clock times; False for unknown ones."""
         return can_id in self._wall_clock
 
     def receiver(self, can_id: int) -> e2e.Receiver:
@@ -340,7 +340,7 @@ def load_codecs(vehicles: int) -> dict[str, Codec]:
     """Return a codec for every bus of a bench with `vehicles` (1..16) vehicles: v2v, veh1, veh2, ...
 
     Raises:
-        BadInput: more vehicles than the V2V bus has messages for, or the DBC files are not there.
+        BadInput: more vehicles than the V2V bus has messages for, or a DBC file is missing.
     """
     if not 1 <= vehicles <= MAX_VEHICLES:
         raise BadInput(f"vehicles = {vehicles}: dbc/v2v.dbc has messages for 1 to {MAX_VEHICLES} vehicles")
@@ -354,7 +354,7 @@ def bus_names(vehicles: int) -> tuple[str, ...]:
 
 
 def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]]:
-    """Return by identifier the signals that have a value table, and the values in it."""
+    """Return, by identifier, the signals that have a value table, and its values."""
     found: dict[int, list[tuple[str, frozenset[int]]]] = {}
     for message in database.messages:
         for signal in message.signals:
@@ -366,7 +366,7 @@ def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]
 def dbc_text(dbc: bytes) -> str:
     """Return a DBC file's content as text: UTF-8 with or without a byte order mark, else Windows-1252.
 
-    The format names no encoding. Windows' tools write the latter; a byte that it does not have becomes U+FFFD.
+    The format does not specify an encoding. Windows tools write the latter; an undefined byte becomes U+FFFD.
     """
     try:
         text = dbc.decode("utf-8-sig")
@@ -380,7 +380,7 @@ def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
     """Return a DBC file's content and the tables of its messages, by identifier.
 
     Raises:
-        BadInput: it is no valid DBC, or has what this codec does not code (see `_layout`).
+        BadInput: it is not a valid DBC, or uses features that this codec does not support (see `_layout`).
     """
     try:
         database = load_string(dbc_text(dbc), database_format="dbc", strict=True)
@@ -396,9 +396,8 @@ def _layout(message: Message) -> _Layout:
     """Return the tables of one message.
 
     Raises:
-        BadInput: a signal is multiplexed, in Motorola byte order, a float of other than 32 bits or without a
-            range;
-            or a protected message has not CRC and AliveCounter where E2E Profile 1 has them.
+        BadInput: a signal is multiplexed, in Motorola byte order, a float of other than 32 bits or without a range; or
+            the CRC and AliveCounter of a protected message are not where E2E Profile 1 has them.
     """
     for signal in message.signals:
         _check_codable(message, signal)
@@ -429,9 +428,9 @@ _E2E_SIGNALS = {e2e.CRC_SIGNAL: (0, 8), e2e.COUNTER_SIGNAL: (8, 4)}
 def _check_codable(message: Message, signal: Signal) -> None:
     where = f"message {message.name}, signal {signal.name}"
     if signal.byte_order != "little_endian" or message.is_multiplexed():
-        raise BadInput(f"{where}: only signals in Intel byte order without multiplexing can be coded")
+        raise BadInput(f"{where}: only signals in Intel byte order without multiplexing are supported")
     if signal.is_float and signal.length != 32:
-        raise BadInput(f"{where}: a float of {signal.length} bits cannot be coded, only of 32")
+        raise BadInput(f"{where}: a float of {signal.length} bits is not supported; allowed: 32")
     if signal.is_float and (signal.scale != 1 or signal.offset != 0):
         raise BadInput(f"{where}: a float must have scale 1 and offset 0")
     if not signal.scale:
@@ -480,7 +479,7 @@ def _bits(signal: Signal) -> SignalBits:
 
 
 def _attribute(message: Message, name: str, absent: float | str) -> float | str:
-    """Return an attribute of the message; of an ENUM attribute its text."""
+    """Return an attribute of the message; an ENUM attribute as its text."""
     attribute = message.dbc.attributes.get(name) if message.dbc else None
     if attribute is None:
         return absent

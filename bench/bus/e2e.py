@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from enum import Enum
 
 CRC_SIGNAL, COUNTER_SIGNAL = "CRC", "AliveCounter"
-"""What the DBC calls the two signals of a protected message."""
+"""The DBC's names for the two signals of a protected message."""
 
 COUNTER_MODULUS = 15
 """The counter runs 0..14; 15 is never sent."""
@@ -32,7 +32,7 @@ CRC_TABLE = _crc_table()
 
 
 def _again(table: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the CRC's share of a byte that is one further from the end than in `table`."""
+    """Return the table of CRC contributions for a byte one further from the end than in `table`."""
     return tuple(CRC_TABLE[crc] for crc in table)
 
 
@@ -45,14 +45,14 @@ _AFTER_7 = _again(_AFTER_6)
 
 
 def crc_of_id(data_id: int) -> int:
-    """Return the CRC over the two bytes of `data_id` (0..65535): where the CRC of its message starts."""
+    """Return the CRC over the two bytes of `data_id` (0..65535): the start value for its message's CRC."""
     return CRC_TABLE[CRC_TABLE[data_id & 0xFF] ^ data_id >> 8]
 
 
 def crc_of_message(data: Sequence[int], data_id: int) -> int:
-    """Return the CRC that byte 0 of the message `data` must hold; byte 0 itself is not read."""
+    """Return the CRC that byte 0 of the message `data` must hold; byte 0 itself is ignored."""
     if len(data) == 8:
-        # The CRC is linear, so each byte has a share of its own, by its distance from the end.
+        # The CRC is linear, so each byte contributes separately, by its distance from the end.
         _, a, b, c, d, e, f, g = data
         return (
             _AFTER_7[crc_of_id(data_id) ^ a]
@@ -76,43 +76,42 @@ def protect(data: bytearray, data_id: int, counter: int) -> None:
 
 
 def check(data: Sequence[int], data_id: int) -> bool:
-    """Return whether `data` is a whole frame of message `data_id`: its CRC fits and its counter is not 15."""
+    """Return whether `data` is a valid frame of message `data_id`: correct CRC, counter not 15."""
     return len(data) >= 2 and data[1] & _COUNTER_MASK < COUNTER_MODULUS and data[0] == crc_of_message(data, data_id)
 
 
 class Status(Enum):
-    """What the last call of `Receiver` found."""
+    """Result of a check by `Receiver`."""
 
     OK = "ok"
-    """A good frame, the counter went on as expected: use it."""
+    """Valid frame, counter as expected: use it."""
     REPEATED = "repeated"
-    """CRC good, but the counter is that of the frame before: an old frame again, do not use."""
+    """CRC correct, but the counter is that of the previous frame: a repeated frame, do not use."""
     WRONG_SEQUENCE = "wrong_sequence"
-    """CRC good, but more frames are missing in between than cycles went by: do not use."""
+    """CRC correct, but the counter jumped by more than the elapsed cycles allow: do not use."""
     ERROR = "error"
-    """CRC wrong, counter impossible or too short: do not use."""
+    """Wrong CRC, invalid counter or too short: do not use."""
     NONE = "none"
-    """No frame came in this cycle, or none ever."""
+    """No frame has arrived in this cycle, or none ever."""
 
 
 class Receiver:
-    """Checks one protected message as it comes in, cycle by cycle.
+    """Checks the received frames of one protected message, cycle by cycle.
 
-    Call `check` for a frame, or `missed` at the end of a cycle that brought none. Every cycle without a frame
-    allows the counter one step more, as the profile has it, so that a lost frame does not make the next one
-    wrong. After a wrong sequence the counter seen is the new start: a restarted sender is taken up with its
-    second frame.
+    Call `check` for a frame, or `missed` at the end of a cycle without one. As in the profile, each cycle without a
+    frame allows the counter one more step, so that a lost frame does not invalidate the next one. After a wrong
+    sequence the received counter is the new start: a restarted sender is accepted from its second frame on.
 
     Attributes:
         status: the result of the last call.
-        age: cycles since the last frame that was ok, 0 is this cycle; before the first one, since the start.
-        errors: frames refused so far (repeated, wrong sequence, error).
+        age: cycles since the last valid frame, 0 is this cycle; before the first one, since the start.
+        errors: number of frames rejected (repeated, wrong sequence, error).
     """
 
     __slots__ = ("_allowed_step", "_counter", "_data_id", "_max_step", "age", "errors", "status")
 
     def __init__(self, data_id: int, max_step: int = 1) -> None:
-        """Expect the message of `data_id`, its counter at most `max_step` (1..14) on from frame to frame."""
+        """Expect the message of `data_id`, whose counter increases by at most `max_step` (1..14) per frame."""
         self._data_id = data_id
         self._max_step = max_step
         self._allowed_step = max_step
@@ -122,7 +121,7 @@ class Receiver:
         self.errors = 0
 
     def check(self, data: Sequence[int]) -> Status:
-        """Check one frame and return what it is; only `Status.OK` may be used."""
+        """Check one frame; use it only if the result is `Status.OK`."""
         self.status = self._status_of(data)
         if self.status is Status.OK:
             self.age = 0
@@ -131,7 +130,7 @@ class Receiver:
         return self.status
 
     def missed(self) -> Status:
-        """Note that a cycle ended without a frame that was ok."""
+        """Note that a cycle ended without a valid frame."""
         self.age += 1
         self._allowed_step = min(self._allowed_step + 1, COUNTER_MODULUS - 1)
         self.status = Status.NONE

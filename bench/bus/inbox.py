@@ -1,11 +1,12 @@
-"""Sorts the frames a node receives into cycles, so that a step sees exactly one frame of each input.
+"""Sorts the frames a node receives into cycles, so that a step gets exactly one frame of each input.
 
-Frames of one cycle come over several buses in any order; a peer's frame may be here before this node's own BenchSync.
-So what a frame carries tells its cycle, not when it came: BenchSync has the number itself, every other input its alive
-counter, which is the cycle modulo 15.
+Frames of one cycle arrive over several buses in any order; a peer's frame may arrive before this node's own BenchSync.
+The content of a frame therefore determines its cycle, not its time of arrival: BenchSync carries the cycle number,
+every other input its alive counter, which is the cycle modulo 15.
 
-In virtual time a frame that does not come is announced by `BenchAbsent`; a node that finds its own frames announced was
-dead or stopped for that cycle, and leaves it out. On the wall clock nobody is waited for longer than a node can afford.
+In virtual time `BenchAbsent` announces a frame that will not be sent; a node that receives an announcement of its own
+frames was dead or stopped in that cycle, and skips it. In real time a node waits for its inputs only as long as its
+deadline allows.
 """
 
 import math
@@ -36,18 +37,18 @@ _FRESH = Reception(ReceptionState.OK, 0)
 
 @dataclass(slots=True)
 class _Slot:
-    """One input and its frames that wait for their step.
+    """One input and its frames waiting for their step.
 
     Attributes:
-        topic: what this input is.
+        topic: bus and message of the input.
         receiver: checks its CRC and counter.
         length: bytes of its frames.
-        delay: cycles between its sending and the step it takes part in.
-        timeout: cycles without a good frame after which it is lost.
-        last: newest step a frame has come for.
-        waiting: signals by step; None where what came must not be used, or will not come.
-        refused: why the newest frame was refused since the last step, None where none was.
-        reception: how it is received.
+        delay: cycles from sending to the step that uses it.
+        timeout: cycles without a valid frame after which it is lost.
+        last: newest step for which a frame has arrived.
+        waiting: signals by step; None if the frame must not be used or will not arrive.
+        refused: why the newest frame since the last step was rejected, None if none was.
+        reception: its reception state.
     """
 
     topic: Topic
@@ -61,7 +62,7 @@ class _Slot:
     reception: Reception = field(default_factory=Reception)
 
     def receive(self, values: Signals | None) -> None:
-        """Bring the reception up to a step that got `values`."""
+        """Update the reception for a step that got `values`."""
         if values is not None:
             self.reception = _FRESH
         else:
@@ -77,14 +78,14 @@ class _Bus:
     """One of the node's buses.
 
     Attributes:
-        link: its end there.
+        link: the node's end of the bus.
         codec: the bus's codec.
-        slots: the inputs that come over it, by identifier.
-        own: identifiers of what the node itself sends there.
-        opened: the newest cycle a BenchSync has come for on this bus.
-        errors: frames refused so far.
+        slots: the inputs received on it, by identifier.
+        own: identifiers that the node itself sends on it.
+        opened: the newest cycle for which a BenchSync has arrived on this bus.
+        errors: number of frames rejected.
         errors_before: the same up to the newest BenchSync of this bus, so that the count in a step does not depend on
-            how soon a frame was read.
+            when a frame was read.
     """
 
     link: Link
@@ -100,13 +101,13 @@ class Inbox:
     """Collects the inputs of each cycle from a node's links.
 
     Attributes:
-        cycle: the cycle whose inputs are being collected, the next to be stepped.
-        opened: the newest cycle a BenchSync has come for; -1 before the first.
+        cycle: the cycle whose inputs are being collected; its step is the next.
+        opened: the newest cycle for which a BenchSync has arrived; -1 before the first.
         stopped: whether a BenchSync has told this node to stop.
-        opened_at: the clock's time (s) when that BenchSync came, as far as this node can tell: the wall clock's cycles
-            are all equally long, and it may have been busy when this one came, but not always.
+        opened_at: estimated time (s) of that BenchSync's arrival by the clock: all cycles have the same length in real
+            time, and the node is not busy at every BenchSync.
         realtime: whether the wall clock paces the cycles.
-        late: cycles left out in real time, as a newer one had begun before they were stepped.
+        late: number of cycles skipped in real time, because a newer one had begun before their step.
     """
 
     def __init__(
@@ -126,10 +127,10 @@ class Inbox:
             links: the node's ends of its buses.
             codecs: codec of every bus.
             topics: its inputs.
-            name: of the node, as faults call it: veh1.tracker.
-            own: what the node itself sends.
+            name: name of the node, e.g. veh1.tracker.
+            own: topics that the node itself sends.
             plan: the faults of the run.
-            clock: tells when a BenchSync came (s).
+            clock: returns the time in s; read when a BenchSync arrives.
 
         Raises:
             BadInput: a topic's bus or message does not exist, or the message carries no alive counter.
@@ -173,7 +174,7 @@ class Inbox:
             can_id = codec.can_id(topic.message)
             if not codec.is_protected(can_id):
                 raise BadInput(
-                    f"input {topic.message} on bus {bus} has no alive counter to tell its cycle by; "
+                    f"input {topic.message} on bus {bus} has no alive counter, which determines its cycle; "
                     "only messages with an E2EDataId can be inputs"
                 )
             delay = 0 if topic.message == BENCH_SYNC else topic.delay
@@ -188,27 +189,27 @@ class Inbox:
 
     @property
     def health(self) -> Health:
-        """What is known of the buses, as of the newest step."""
+        """The state of the buses as of the newest step."""
         lost = sum(bus.link.frames_lost() for bus in self._buses)
         errors = sum(bus.errors_before for bus in self._buses)
         return Health(lost, errors, self.late, {slot.topic: slot.reception for slot in self._inputs})
 
     @property
     def complete(self) -> bool:
-        """Whether every input of `cycle` is here or known not to come.
+        """Whether every input of `cycle` has arrived or is known to be absent.
 
-        A newer BenchSync does not end the wait: on a busy machine it may be here before a frame that was sent before
-        it, and in lockstep nobody sends it unless all frames have been sent.
+        A newer BenchSync does not end the wait: on a busy machine it may overtake a frame sent before it, and in
+            lockstep it is sent only after all frames.
         """
         return self._arrived.get(self.cycle, 0) == len(self._slots)
 
     @property
     def excused(self) -> bool:
-        """Whether the others have gone on without this node in `cycle`, as it was dead or stopped."""
+        """Whether the others have continued without this node in `cycle`, because it was dead or stopped."""
         return self.cycle in self._excused
 
     def drain(self) -> bool:
-        """Take in what has arrived; whether there was anything."""
+        """Read all frames that have arrived; return whether there were any."""
         arrived = False
         for bus in self._buses:
             for can_id, data in bus.link.receive():
@@ -221,7 +222,7 @@ class Inbox:
         return arrived
 
     def take(self) -> dict[Topic, Signals | None]:
-        """The inputs of `cycle`, None for each that is missing or damaged; turns to the next cycle."""
+        """Return the inputs of `cycle`, None for each one missing or damaged, and begin the next cycle."""
         self._plan.refresh()
         faults = self._plan.at(self.cycle)
         off = {bus.link.name for bus in self._buses if is_off(self._name, bus.link.name, faults)} if faults else ()
@@ -236,13 +237,13 @@ class Inbox:
         return inputs
 
     def catch_up(self) -> None:
-        """In real time: leave out the cycles that are over, so that no queue of late ones builds up."""
+        """In real time: skip the cycles that are over, so that late ones do not queue up."""
         while self.realtime and self.cycle < self.opened:
             self.late += 1
             self.skip()
 
     def skip(self) -> None:
-        """Leave out `cycle`: the others went on without this node."""
+        """Skip `cycle`: the others have continued without this node."""
         for slot in self._inputs:
             if self.cycle not in slot.waiting:
                 slot.receiver.missed()
@@ -262,11 +263,11 @@ class Inbox:
             bus.errors += 1
             slot.refused = _REFUSED[status]
         if status is Status.ERROR or (status is Status.REPEATED and slot.topic.message == BENCH_SYNC):
-            # The frame that is due may still come; in virtual time it is announced where it does not.
+            # The due frame may still arrive; in virtual time its absence would be announced.
             return
         values = bus.codec.decode(can_id, data)[1]
         if status is Status.OK and not bus.codec.is_possible(can_id, values):
-            # Its CRC is right by chance, or its sender is out of its mind.
+            # Its CRC is correct by chance, or its sender is faulty.
             status = Status.ERROR
             bus.errors += 1
             slot.refused = ReceptionState.ERROR
@@ -299,17 +300,17 @@ class Inbox:
         if slot is not None:
             step = cycle + slot.delay
             slot.last = step if slot.last is None else max(slot.last, step)
-            # Here and not when the step is taken, which may be before or after the sender's next frame comes.
+            # Here, not in the step, which may be before or after the arrival of the sender's next frame.
             slot.receiver.missed()
             if step >= self.cycle and step not in slot.waiting:
                 self._fill(slot, step, None)
 
     def _cycle_of(self, bus: _Bus, counter: int) -> int:
-        """The newest cycle with this alive counter that a frame can be of.
+        """The newest possible cycle of a frame with this alive counter.
 
-        It may be here before the BenchSync of its own cycle, but not earlier than that. The BenchSync counts that came
-        over the frame's own bus, as a node that was stopped reads what has queued up bus by bus. A frame that is late
-        by 14 cycles is taken for one of the next cycle: more the counter of the profile does not tell.
+        The frame may arrive before the BenchSync of its own cycle, but not before that of the cycle before. Only the
+        BenchSync of the frame's own bus counts, because a node that was stopped reads its queues bus by bus. A frame 14
+        cycles late is taken for one of the next cycle: the profile's counter cannot distinguish them.
         """
         newest = 1 + (bus.opened if bus.opened >= 0 else max(self.opened, 0))
         return newest - (newest - counter) % COUNTER_MODULUS
@@ -323,7 +324,7 @@ class Inbox:
         if not first:
             return
         if cycle != self.cycle:
-            # This node joins a run under way; what came before its first BenchSync was numbered by guess.
+            # This node joins a running bench; the cycles of frames before its first BenchSync were guesses.
             for slot in self._slots:
                 slot.last = None
                 slot.waiting.clear()
@@ -331,7 +332,7 @@ class Inbox:
             self.cycle = cycle
         for slot in self._slots:
             if slot.delay and cycle not in slot.waiting:
-                # Sent in a cycle that this node was not there for.
+                # Sent in a cycle in which this node did not take part.
                 self._fill(slot, cycle, None)
 
     def _put(self, slot: _Slot, step: int, values: Signals | None) -> None:

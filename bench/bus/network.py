@@ -21,7 +21,7 @@ _OTHER_NODES = {"Conductor": CONDUCTOR, "Plant": PLANT}
 
 @dataclass(frozen=True, slots=True)
 class EcuSlot:
-    """The place of an ECU in the network.
+    """An ECU slot of the network.
 
     Attributes:
         role: one of `ROLES`.
@@ -33,12 +33,12 @@ class EcuSlot:
 
     @property
     def name(self) -> str:
-        """Name of the process: `veh2.tracker`."""
+        """Name of the process, e.g. `veh2.tracker`."""
         return f"{vehicle_bus(self.vehicle)}.{self.role}"
 
     @property
     def buses(self) -> tuple[str, ...]:
-        """The buses it is on: its vehicle's, and for the planner the radio too."""
+        """Its buses: its vehicle's, and for the planner also v2v."""
         own = vehicle_bus(self.vehicle)
         return (own, V2V) if self.role == _RADIO_ROLE else (own,)
 
@@ -47,13 +47,13 @@ class EcuSlot:
         return f"{self.role.capitalize()}{kind}"
 
     def sends(self, codecs: Mapping[str, Codec]) -> list[Topic]:
-        """Return what the DBC files have it send; `codecs` has those of its buses."""
+        """Return the topics that it sends by the DBC files; `codecs` has the codecs of its buses."""
         return [
             each.topic for bus in self.buses for each in transmissions(bus, codecs[bus]) if each.sender == self.name
         ]
 
     def receives(self, codecs: Mapping[str, Codec], vehicles: int) -> list[Topic]:
-        """Return what the DBC files have it receive in a bench of `vehicles` vehicles; `codecs` as in `sends`."""
+        """Return the topics that it receives by the DBC files in a bench of `vehicles`; `codecs` as in `sends`."""
         return [
             each.topic
             for bus in self.buses
@@ -64,16 +64,16 @@ class EcuSlot:
 
 @dataclass(frozen=True, slots=True)
 class Transmission:
-    """A message on a bus, with those who send and receive it.
+    """A message on a bus, with its sender and receivers.
 
     Attributes:
-        bus: on which bus.
+        bus: name of the bus.
         can_id: its identifier.
         message: its name.
-        sender: name of the process that sends it; empty where the DBC names none.
-        receivers: names of the processes that receive any of its signals.
+        sender: name of the process that sends it; empty if the DBC names none.
+        receivers: names of the processes that receive at least one of its signals.
         protected: whether it carries an alive counter.
-        period: in every how many cycles it is sent; 0 where it has no cycle time.
+        period: its cycle time in cycles of the bench; 0 if it has none.
     """
 
     bus: str
@@ -86,31 +86,31 @@ class Transmission:
 
     @property
     def topic(self) -> Topic:
-        """The message as something to listen to."""
+        """The topic of the message."""
         return Topic(self.bus, self.message)
 
     @property
     def station(self) -> str:
-        """Who sends it, seen from its bus: the plant is one of its own on each, veh1.plant."""
+        """The sender as a node of the bus: the plant is a separate node on each bus, e.g. veh1.plant."""
         return f"{self.bus}.{PLANT}" if self.sender == PLANT else self.sender
 
     @property
     def has_deadline(self) -> bool:
-        """Whether it is due at the end of every cycle: an answer to BenchSync on a vehicle's bus."""
+        """Whether it is sent in every cycle in response to BenchSync, on a vehicle's bus."""
         return self.protected and self.period == 1 and self.bus != V2V and self.sender not in ("", CONDUCTOR)
 
 
 def process_of(bus: str, node: str) -> str:
-    """Return the name of the process that is the DBC's `node` on `bus`: plant, veh1.planner, conductor."""
+    """Return the name of the process that implements the DBC's `node` on `bus`: plant, veh1.planner, conductor."""
     if bus == V2V and node.startswith(_RADIO_NODE):
         return f"veh{node.removeprefix(_RADIO_NODE)}.{_RADIO_ROLE}"
     return _OTHER_NODES.get(node) or f"{bus}.{node.lower()}"
 
 
 def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[Transmission]:
-    """Return the messages of `bus`, in the order of their identifiers.
+    """Return the messages of `bus`, sorted by identifier.
 
-    In a bench of `vehicles` vehicles, others neither send nor receive on v2v; without it, all that the DBC names do.
+    With `vehicles`, v2v has only the messages and receivers of that many vehicles; otherwise all that the DBC names.
     """
     found = []
     for name in codec.names:

@@ -1,4 +1,4 @@
-"""What takes part on the buses: a node, and the loop that lets nodes of one process wait for frames."""
+"""A node on the buses, and the loop in which the nodes of one process wait for frames."""
 
 import gc
 import selectors
@@ -10,11 +10,11 @@ from bench.bus.link.base import Link
 from bench.errors import RunFailed
 
 REST_S = 0.0095
-"""How long after a BenchSync a node that has nothing more to do in the cycle may rest."""
+"""Time after a BenchSync for which a node that has finished its cycle may sleep."""
 
 
 class Node(Protocol):
-    """A participant that does its work whenever its frames have come."""
+    """A participant that steps as soon as its frames have arrived."""
 
     name: str
 
@@ -28,17 +28,17 @@ class Node(Protocol):
 
     @property
     def wake_at(self) -> float | None:
-        """When to poll again even if nothing arrives (time.monotonic, s); None for never."""
+        """When to poll again even without frames (time.monotonic, s); None for never."""
 
     @property
     def rest_until(self) -> float:
-        """Until when nothing that comes concerns this node (time.monotonic, s), past or 0 if all does.
+        """Until when the node can ignore arriving frames (time.monotonic, s); past or 0 if it cannot.
 
-        Being woken for each frame of others, just to put it aside, would cost more than all its work.
+        Being woken by each frame of other nodes, only to ignore it, would cost more than its work.
         """
 
     def poll(self) -> bool:
-        """Take in what has arrived and step if that completes a cycle; whether anything had arrived."""
+        """Read all frames that have arrived, step if a cycle is complete; return whether there were any."""
 
 
 def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float | None = None) -> None:
@@ -46,11 +46,11 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
 
     Args:
         nodes: the nodes of this process.
-        lifeline: file descriptor that becomes readable when the conductor is gone; ends the loop.
+        lifeline: file descriptor that becomes readable when the conductor ends; ends the loop.
         silence_s: longest wall-clock time in s without a frame once the first has come; None for no limit.
 
     Raises:
-        RunFailed: nothing was heard for `silence_s`.
+        RunFailed: no frame was received for `silence_s`.
     """
     with selectors.DefaultSelector() as selector:
         for node in nodes:
@@ -58,7 +58,7 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
                 selector.register(link.fileno(), selectors.EVENT_READ, node)
         if lifeline is not None:
             selector.register(lifeline, selectors.EVENT_READ, None)
-        # What there is now stays; no garbage collection need look at it in every cycle.
+        # These objects live until the end; garbage collection can skip them.
         gc.collect()
         gc.freeze()
         limit_s = None
@@ -78,7 +78,7 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
 
 
 def _rest(nodes: Sequence[Node]) -> None:
-    """Sleep as long as no node of this process wants to be woken by frames."""
+    """Sleep while no node of this process needs to be woken by frames."""
     rest_s = min(node.rest_until for node in nodes) - time.monotonic()
     if rest_s > 0.0:
         time.sleep(rest_s)

@@ -1,8 +1,8 @@
-"""Sends a node's messages, cycle by cycle, as far as faults let it: the counterpart of `Inbox`.
+"""Sends a node's messages, cycle by cycle, with the faults of frames: the counterpart of `Inbox`.
 
-Faults of frames are put in here, at the sender, so that every participant and every tool sees them on the bus. In
-virtual time, in which nothing happens by itself, a frame that will not come, or not in good order, is announced as
-absent: others would wait for it for ever.
+Faults of frames are injected here, at the sender, so that every participant and every tool sees them on the bus. In
+virtual time a frame that will not be sent, or not as a valid frame, is announced as absent: receivers would wait for it
+for ever.
 """
 
 from collections import defaultdict
@@ -21,14 +21,14 @@ from bench.faults.plan import FaultPlan, Faults, is_off
 
 BENCH_ABSENT = "BenchAbsent"
 LARGEST_FRAME_BITS = 135
-"""A frame of 8 bytes with a short identifier and as many stuff bits as there can be (Davis et al. 2007, equation 1)."""
+"""A frame of 8 bytes with a short identifier and the maximum number of stuff bits (Davis et al. 2007, equation 1)."""
 
 Hits = list[tuple[Fault, FrameContext, Memory]]
-"""The faults that are done to a frame, each with what it is to know of that and what it remembers."""
+"""The faults at work on a frame, each with its context and its memory."""
 
 
 class _Queued(NamedTuple):
-    """A message that waits for its cycle's sending."""
+    """A message waiting to be sent in its cycle."""
 
     bus: str
     message: str
@@ -36,9 +36,9 @@ class _Queued(NamedTuple):
 
 
 class Outbox:
-    """Takes a node's messages of a cycle and sends them together.
+    """Collects a node's messages of a cycle and sends them together.
 
-    What a message leaves out is sent with its start value. A message of a longer cycle time than the bench's is sent
+    Signals without a value are sent with their start value. A message with a longer cycle time than the bench's is sent
     when it is due, however often it is put in.
     """
 
@@ -57,7 +57,7 @@ class Outbox:
         self._memories: defaultdict[tuple[int, str, int], Memory] = defaultdict(dict)
 
     def put(self, bus: str, message: str, values: Signals) -> None:
-        """Put in a message with its signals' physical values.
+        """Add a message with its signals' physical values.
 
         Raises:
             BadInput: the node is not on this bus.
@@ -73,7 +73,7 @@ class Outbox:
         self._queue.append(_Queued(bus, message, values))
 
     def send(self, cycle: int, *, lockstep: bool = True) -> None:
-        """Send what was put in, as the frames of `cycle`; announce what is missing where time is virtual."""
+        """Send the messages as the frames of `cycle`; in virtual time announce absent ones."""
         queue, self._queue = self._queue, []
         self.plan.refresh()
         faults = self.plan.at(cycle)
@@ -86,7 +86,7 @@ class Outbox:
         self._send_faulty(due, faults, cycle, lockstep)
 
     def absent(self, bus: str, can_id: int, cycle: int) -> None:
-        """Announce that a frame will not come in this cycle."""
+        """Announce that a frame will not be sent in this cycle."""
         self._links[bus].send(
             *self._codecs[bus].encode(BENCH_ABSENT, {"Identifier": can_id, "Cycle": cycle}, counter=cycle)
         )
@@ -119,12 +119,12 @@ class Outbox:
                 frames, good = self._on_the_way(item, data, hits) if hits else ([data], True)
             for each in frames:
                 self._links[bus].send(can_id, each)
-            # Of an unprotected frame nobody can tell that it is not as it should be.
+            # Receivers cannot detect that an unprotected frame is wrong.
             if lockstep and not good and (not frames or self._codecs[bus].is_protected(can_id)):
                 self.absent(bus, can_id, cycle)
 
     def _hits(self, item: _Queued, faults: Faults, cycle: int) -> Hits:
-        """Return the faults of a message's frame of this cycle."""
+        """Return the faults at work on a message's frame in this cycle."""
         can_id = self._codecs[item.bus].can_id(item.message)
         return [
             (fault, self.plan.context(index, item.bus, can_id, cycle), self._memories[index, item.bus, can_id])
@@ -133,7 +133,7 @@ class Outbox:
         ]
 
     def _on_the_way(self, item: _Queued, data: bytes, hits: Hits) -> tuple[list[bytes], bool]:
-        """Return what becomes of a frame: what goes out now, and whether this cycle's frame is among it and good."""
+        """Return the frames to send now, and whether this cycle's frame is among them and valid."""
         changed, good = self._changed(item, data, hits)
         behind: list[bytes] = []
         for fault, frame, memory in hits:
@@ -147,13 +147,13 @@ class Outbox:
         return [changed] * (1 + max(0, copies)) + behind, good
 
     def _changed(self, item: _Queued, data: bytes, hits: Hits) -> tuple[bytes, bool]:
-        """Return what a frame's bytes become, and whether receivers find them good."""
+        """Return a frame's bytes after the faults, and whether receivers accept them."""
         changed, repeated = data, False
         for fault, frame, _ in hits:
             counter = fault.counter(frame)
             if counter is not None:
                 changed = self._with_counter(item, changed, counter)
-                # A stuck counter is right every fifteenth time, and no news to any receiver.
+                # A stuck counter is correct every fifteenth time, but receivers see a repeated frame.
                 repeated |= counter != frame.cycle
             changed = fault.on_bytes(changed, frame)
         return changed, changed == data and not repeated
@@ -172,6 +172,6 @@ class Outbox:
 
 
 def _starved(codec: Codec, bus: str, faults: Faults) -> frozenset[int]:
-    """Return the identifiers that find no room on a bus in a cycle, where every frame is as long as one can be."""
+    """Return the identifiers that do not fit on a bus in a cycle if every frame has the maximum length."""
     room = codec.bit_rate * CYCLE_MS // 1000 // LARGEST_FRAME_BITS
     return frozenset().union(*(fault.starved(bus, codec.can_ids, room) for _, fault in faults))

@@ -1,4 +1,4 @@
-"""What goes between plant and controllers, in SI units and ISO 8855 axes: one place for the signals' names.
+"""The quantities exchanged by plant and controllers, in SI units and ISO 8855 axes, with their signal names.
 
 The messages are those of `dbc/vehicle.dbc` and `dbc/v2v.dbc`.
 """
@@ -29,21 +29,21 @@ RECEPTIONS = {
     ACTUATORS: "ActuatorReception",
     REFERENCE: "ReferenceReception",
 }
-"""The signals of an ECU's bus health that show how its inputs are received."""
+"""The signals of an ECU's bus health with the reception state of its inputs."""
 
 COMMAND_RECEPTIONS = {
     STEERING: "SteeringReception",
     TORQUES_FRONT: "TorqueFrontReception",
     TORQUES_REAR: "TorqueRearReception",
 }
-"""The signals of the plant's bus health that show how commands are received."""
+"""The signals of the plant's bus health with the reception state of commands."""
 
 SENSORS = (POSITION, ATTITUDE, MOTION, WHEELS_FRONT, WHEELS_REAR)
-"""What tells of the own motion."""
+"""The messages with the vehicle's own motion."""
 
 
 class Broadcast(NamedTuple):
-    """What a vehicle tells the others."""
+    """The topics that a vehicle broadcasts to the others."""
 
     position: Topic
     motion: Topic
@@ -56,7 +56,7 @@ def broadcast(vehicle: int) -> Broadcast:
 
 
 def bus_health(health: Health) -> dict[str, float]:
-    """What an ECU's bus health message tells of its own reception."""
+    """Return the signals of an ECU's bus health message for its own reception."""
     receptions = {
         RECEPTIONS[topic.message]: float(reception.state)
         for topic, reception in health.inputs.items()
@@ -67,7 +67,7 @@ def bus_health(health: Health) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """How a vehicle moves, in its own axes (x forward, y to the left).
+    """A vehicle's motion, in its own axes (x forward, y to the left).
 
     Attributes:
         v_x: longitudinal velocity of the centre of mass (m/s).
@@ -87,7 +87,7 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where a vehicle is, in the road frame (X along the road, Y to the left).
+    """A vehicle's pose, in the road frame (X along the road, Y to the left).
 
     Attributes:
         x: position of the centre of mass along the road (m).
@@ -107,7 +107,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Another vehicle, as its broadcast tells: where it was and how it moved in the cycle before.
+    """Position and motion of another vehicle in the cycle before, from its broadcast.
 
     Attributes:
         x: position of the centre of mass along the road (m).
@@ -139,7 +139,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What a planner asks of the tracker for the next cycle.
+    """A planner's reference to the tracker for the next cycle.
 
     Attributes:
         v_x: longitudinal velocity (m/s).
@@ -155,13 +155,13 @@ class Reference:
         return cls(reference["VelocityX"], reference["YawRate"])
 
     def messages(self, state: ReferenceState) -> dict[str, Signals]:
-        """Return the message, worth `state`."""
+        """Return the message, with reference state `state`."""
         return {REFERENCE: {"VelocityX": self.v_x, "YawRate": self.yaw_rate, "ReferenceState": state}}
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What a tracker asks of the actuators for this cycle.
+    """A tracker's command to the actuators for this cycle.
 
     Attributes:
         steering_angle: of the front wheels, positive to the left (rad).
@@ -189,7 +189,7 @@ class Command:
         return cls(steering_angle, **named)
 
     def messages(self, state: CommandState) -> Mapping[str, Signals]:
-        """Return the three messages, worth `state`."""
+        """Return the three messages, with command state `state`."""
         return {
             STEERING: {"SteeringAngle": self.steering_angle, "CommandState": state},
             TORQUES_FRONT: {"TorqueFL": self.torque_fl, "TorqueFR": self.torque_fr},

@@ -1,4 +1,4 @@
-"""What a receiver knows of each message it takes: the state of its reception and its age."""
+"""State and age of a message's reception."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,28 +11,28 @@ class ReceptionState(IntEnum):
     """State of the reception of one message; the values are those of the bus signals that show it."""
 
     INIT = 0
-    """None has come yet, nor been due for longer than its timeout."""
+    """No frame has arrived yet, and the timeout is not over."""
     OK = 1
-    """This cycle's frame came and is good."""
+    """This cycle's frame has arrived and is valid."""
     MISSING = 2
-    """This cycle's frame did not come; the timeout is not over."""
+    """This cycle's frame is missing; the timeout is not over."""
     REPEATED = 3
-    """What came carries the counter of the frame before: an old frame again."""
+    """The counter is that of the previous frame: a repeated frame."""
     WRONG_SEQUENCE = 4
-    """More frames are missing in between than cycles went by."""
+    """The counter jumped by more than the elapsed cycles allow."""
     ERROR = 5
-    """Wrong CRC, impossible counter or wrong length."""
+    """Wrong CRC, invalid counter or wrong length."""
     LOST = 6
-    """No good frame for the message's timeout."""
+    """No valid frame within the message's timeout."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reception:
-    """How one input is received.
+    """The reception of one input.
 
     Attributes:
-        state: of the cycle that is being stepped.
-        age: cycles since the last good frame, 0 is this cycle; before the first one, since the start.
+        state: state in the current cycle.
+        age: cycles since the last valid frame, 0 is this cycle; before the first one, since the start.
     """
 
     state: ReceptionState = ReceptionState.INIT
@@ -46,13 +46,13 @@ class Reception:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """What a node knows about its buses since it started.
+    """State of a node's buses since its start.
 
     Attributes:
-        frames_lost: frames that the kernel dropped before this node could read them.
-        e2e_errors: received frames with a wrong CRC or an alive counter out of sequence.
-        late_cycles: cycles this node has left out in real time, as it was late for them.
-        inputs: how each input is received.
+        frames_lost: number of frames that the kernel dropped before this node could read them.
+        e2e_errors: number of received frames with a wrong CRC or an alive counter out of sequence.
+        late_cycles: number of cycles this node has skipped in real time because it was late.
+        inputs: reception of each input.
     """
 
     frames_lost: int = 0
@@ -61,7 +61,7 @@ class Health:
     inputs: Mapping[Topic, Reception] = field(default_factory=dict)
 
     def of(self, topic: Topic) -> Reception:
-        """Return how an input is received; a topic that is not watched is as before the first frame."""
+        """Return an input's reception; a topic that is not watched is as before the first frame."""
         return self.inputs.get(topic, _UNWATCHED)
 
 

@@ -4,7 +4,7 @@ import enum
 
 
 class BenchCommand(enum.IntEnum):
-    """What the conductor tells all participants; the values are those of the signal `Command` of `BenchSync`."""
+    """The conductor's command to all participants; the values are those of the signal `Command` of `BenchSync`."""
 
     STOP = 0
     RUN = 1
@@ -19,11 +19,11 @@ class EcuState(enum.IntEnum):
     DEGRADED = 2
     SAFE = 3
     WAIT = 4
-    """Before its first BenchSync; no frame of a cycle says so."""
+    """Before its first BenchSync; never in a frame."""
 
 
 class ReferenceState(enum.IntEnum):
-    """What a reference is worth; the values are those of the bus signal `ReferenceState`."""
+    """Validity of a reference; the values are those of the bus signal `ReferenceState`."""
 
     NONE = 0
     VALID = 1
@@ -31,7 +31,7 @@ class ReferenceState(enum.IntEnum):
 
 
 class CommandState(enum.IntEnum):
-    """What a command is worth; the values are those of the bus signal `CommandState`."""
+    """Validity of a command; the values are those of the bus signal `CommandState`."""
 
     NONE = 0
     VALID = 1
@@ -40,7 +40,7 @@ class CommandState(enum.IntEnum):
 
 
 class ActuatorState(enum.IntEnum):
-    """What the actuators do with commands; the values are those of the bus signal `ActuatorState`."""
+    """How the actuators treat commands; the values are those of the bus signal `ActuatorState`."""
 
     INIT = 0
     ACTIVE = 1
@@ -49,7 +49,7 @@ class ActuatorState(enum.IntEnum):
 
 
 class Cause(enum.IntEnum):
-    """Why an ECU is not in RUN, the graver the later; the values are those of the bus signal `Cause`."""
+    """Why an ECU is not in RUN, in ascending severity; the values are those of the bus signal `Cause`."""
 
     NONE = 0
     SENSOR_MISSING = 1
@@ -62,17 +62,17 @@ class Cause(enum.IntEnum):
     PEER_LOST = 8
     PEER_IMPLAUSIBLE = 9
     PEER_UNSAFE = 10
-    """Another vehicle says that it slows down, or that it cannot be trusted."""
+    """Another vehicle reports that it slows down, or that it cannot be trusted."""
     ACTUATOR_FAULT = 11
     SOLVER_FALLBACK = 12
     OWN_MOTION_LOST = 13
     TRACKER_LOST = 14
     VEHICLE_FAULT = 15
-    """The vehicle does not do what its actuators should make it do: tyres or road are not what they were."""
+    """The vehicle does not respond to its actuators as modelled: tyres or road have changed."""
 
 
 class Manoeuvre(enum.IntEnum):
-    """What a vehicle does with regard to the platoon; the values are those of the bus signal `Manoeuvre`."""
+    """A vehicle's manoeuvre in the platoon; the values are those of the bus signal `Manoeuvre`."""
 
     NONE = 0
     PLATOON = 1

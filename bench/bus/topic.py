@@ -1,4 +1,4 @@
-"""What goes over the buses between a node and the rest: topics, outgoing messages, bus health."""
+"""What a node exchanges over the buses: topics, outgoing messages, bus health."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,26 +13,26 @@ Signals = Mapping[str, float]
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """One message on one bus, as something to listen to."""
+    """One message on one bus, to be received."""
 
     bus: str
     message: str
 
     @property
     def delay(self) -> int:
-        """Age in cycles at which this topic takes part in a step.
+        """Age in cycles at which a step uses this topic.
 
-        What comes by radio was sent in the cycle before: each planner's V2V message is the outcome of its own step,
-        so planners that waited for each other's message of the same cycle would wait for ever.
+        V2V messages were sent in the cycle before: each planner's V2V message is the result of its own step, so
+            planners waiting for each other's message of the same cycle would deadlock.
         """
         return 1 if self.bus == V2V else 0
 
 
 @dataclass(frozen=True, slots=True)
 class Outgoing:
-    """One message to be sent: which bus, which message, its signals' physical values in the DBC's units.
+    """One message to be sent: bus, message, its signals' physical values in the DBC's units.
 
-    A signal that `values` leaves out is sent with its start value.
+    Signals missing in `values` are sent with their start value.
     """
 
     bus: str

@@ -552,7 +552,7 @@ def test_a_cycle_opened_at_the_earliest_that_any_bench_sync_tells() -> None:
         ),
         (
             Topic("veh1", "PlannerStatus"),
-            "input PlannerStatus on bus veh1 has no alive counter to tell its cycle by; "
+            "input PlannerStatus on bus veh1 has no alive counter, which determines its cycle; "
             "only messages with an E2EDataId can be inputs",
         ),
         (Topic("veh2", "VehicleMotion"), "input VehicleMotion is on bus veh2; this node has veh1, v2v"),

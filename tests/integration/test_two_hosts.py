@@ -151,5 +151,5 @@ def test_a_device_that_is_down_is_said_with_the_mend(
     ecu = begin(rig, *PLATOON, "ecu", "tracker", "--vehicle", "1", *there)
     words = ecu.communicate(timeout=GUARD_S)[1]
     assert ecu.returncode == 2
-    assert words.startswith(f"platoon: bus veh1: no multicast by the network device {rig.device} (")
+    assert words.startswith(f"platoon: bus veh1: no multicast on the network device {rig.device} (")
     assert f"sudo ip link set {rig.device} up" in words

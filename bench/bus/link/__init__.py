@@ -1,1 +1,1 @@
-"""Ends of buses: SocketCAN, UDP multicast, one process, any python-can interface; and the addresses that name them."""
+"""Links to buses: SocketCAN, UDP multicast, in-process, any python-can interface; and their addresses."""

@@ -1,10 +1,10 @@
-"""Where the buses of a bench are, written as on the command line.
+"""The addresses of a bench's buses, written as on the command line.
 
-PLACE        where all buses are; with udp:PORT v2v is on PORT, veh1 on PORT + 1, ...; {} in a channel is the
+PLACE        the place of all buses; with udp:PORT v2v is on PORT, veh1 on PORT + 1, ...; {} in a channel is the
              number of the bus: v2v 0, veh1 1, ...
-BUS=PLACE    where one bus is, here udp:PORT with its own port
+BUS=PLACE    the place of one bus, here udp:PORT with its own port
 
-A place is written as in `bench.bus.link.place`. Buses without a place of their own are on `udp`.
+A place is written as in `bench.bus.link.place`. Buses without a place are on `udp`.
 """
 
 from collections.abc import Collection, Iterator
@@ -22,12 +22,12 @@ from bench.errors import BadInput
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where the buses of one bench are.
+    """The places of one bench's buses.
 
     Attributes:
-        everywhere: place of the buses that have none of their own; a UDP port is v2v's, the others' follow.
-        own: buses that have a place of their own, in the order of the buses.
-        hub: the buses themselves, for `direct`; every `parse` makes new ones.
+        everywhere: place of the buses that are not in `own`; a UDP port is v2v's, the others' follow.
+        own: places of single buses, in the order of the buses.
+        hub: the buses themselves, for `direct`; every `parse` creates new ones.
     """
 
     everywhere: Place
@@ -36,10 +36,10 @@ class Address:
 
     @classmethod
     def parse(cls, *texts: str) -> "Address":
-        """Read what is typed after each `--can`.
+        """Parse the values of `--can`.
 
         Raises:
-            BadInput: none of the forms above, a bus that does not exist, or two places for one bus.
+            BadInput: unknown form, a bus that does not exist, or two places for one bus.
         """
         everywhere: Place | None = None
         own: dict[str, Place] = {}
@@ -58,16 +58,16 @@ class Address:
         everywhere = everywhere or Place("udp_multicast")
         is_direct = everywhere.interface == "direct"
         if own and (is_direct or any(place.interface == "direct" for place in own.values())):
-            raise BadInput(f"--can {' --can '.join(texts)}: direct is one process with all buses; give it alone")
+            raise BadInput(f"--can {' --can '.join(texts)}: direct puts all buses in one process; give it alone")
         ordered = tuple(sorted(own.items(), key=lambda item: bus_number(item[0])))
         return cls(everywhere, ordered, Hub() if is_direct else None)
 
     def __str__(self) -> str:
-        """Return the texts that `parse` reads, with blanks in between."""
+        """Return the texts that `parse` reads, separated by blanks."""
         return " ".join([str(self.everywhere), *(f"{bus}={place}" for bus, place in self.own)])
 
     def place_of(self, bus: str) -> Place:
-        """Return where a bus is, its number put in: vcan1 for veh1.
+        """Return the place of a bus with its number inserted: vcan1 for veh1.
 
         Raises:
             BadInput: there is no such bus.
@@ -80,16 +80,14 @@ class Address:
         return replace(self.everywhere.of_number(number), port=None if port is None else port + number)
 
     def is_known(self, bus: str) -> bool:
-        """Whether others can tell where the bus is: not while a port is still to be chosen, nor inside one process."""
+        """Whether other processes can find the bus: not if its port is not chosen yet, nor inside one process."""
         place = self.place_of(bus)
         return self.hub is None and not (place.is_udp and place.port is None)
 
 
 def _refuse_second(text: str, what: str, first: Place | None) -> None:
     if first is not None:
-        raise BadInput(
-            f"{text}: {what} has {first} already; give one PLACE for all buses, and BUS=PLACE once for a bus"
-        )
+        raise BadInput(f"{text}: {what} already has {first}; give one PLACE for all buses, and BUS=PLACE once per bus")
 
 
 def _everywhere(text: str) -> Place:
@@ -113,9 +111,9 @@ def bus_number(bus: str) -> int:
 
 @contextmanager
 def settle(address: Address, vehicles: int) -> Iterator[Address]:
-    """Give the address as the processes of one bench of `vehicles` vehicles use it, while the context lasts.
+    """Yield the address as the processes of one bench of `vehicles` vehicles use it.
 
-    UDP ports are reserved, the kernel's CAN links and network devices checked.
+    UDP ports are reserved until the context ends; the kernel's CAN links and network devices are checked.
 
     Raises:
         BadInput: a UDP port is in use, a link or device missing, a bus not in the bench, or two buses in one place.
@@ -139,7 +137,7 @@ def settle(address: Address, vehicles: int) -> Iterator[Address]:
 
 
 def _with_ports(address: Address, first: int) -> Address:
-    """Return the address with a port, counted from `first`, for each UDP bus that has none."""
+    """Return the address with ports, counted from `first`, for the UDP buses without one."""
 
     def settled(place: Place, port: int) -> Place:
         return replace(place, port=port) if place.is_udp and place.port is None else place
@@ -149,10 +147,10 @@ def _with_ports(address: Address, first: int) -> Address:
 
 
 def _check_buses(address: Address, buses: Collection[str]) -> None:
-    """Refuse places of buses that are not in the bench, and two buses in one place.
+    """Check the places of the buses.
 
     Raises:
-        BadInput: see there.
+        BadInput: a place is given for a bus that is not in the bench, or two buses are in one place.
     """
     strangers = [bus for bus, _ in address.own if bus not in buses]
     if strangers:
@@ -170,5 +168,5 @@ def _check_buses(address: Address, buses: Collection[str]) -> None:
         place = address.place_of(bus)
         key = replace(place, device="", options=())
         if key in seen and not (place.is_udp and place.port is None):
-            raise BadInput(f"--can: {seen[key]} and {bus} are both on {place}; each bus needs a place of its own")
+            raise BadInput(f"--can: {seen[key]} and {bus} are both on {place}; each bus needs a separate place")
         seen[key] = bus

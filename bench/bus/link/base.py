@@ -1,4 +1,4 @@
-"""What every link to a bus is: one end of one bus of classical CAN frames."""
+"""The base class of links: one end of one bus of classical CAN frames."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection
@@ -8,26 +8,24 @@ from bench.bus.frame import CanFrame
 from bench.errors import RunFailed
 
 EXTENDED = 0x8000_0000
-"""Set in identifiers of 29 bits (Linux's CAN_EFF_FLAG), so none is taken for the 11-bit one of its number."""
+"""Set in 29-bit identifiers (Linux's CAN_EFF_FLAG), to distinguish them from 11-bit ones of the same number."""
 
 MOST_FRAMES = 4096
-"""Frames that one `receive` returns at most, so that a babbling sender cannot keep it for ever."""
+"""Maximum number of frames that one `receive` returns, so that a babbling sender cannot block it for ever."""
 
 
 class LinkError(RunFailed):
-    """A bus that was open does not take or give frames any more."""
+    """An open bus no longer sends or receives frames."""
 
 
 class Link(ABC):
-    """One end of one bus. What is sent here is received at all other ends, not here.
+    """One end of one bus. Frames sent here are received at all other ends, not here.
 
     Attributes:
         name: the bus, `v2v` or `veh<i>`.
-        ignored: what was received and is no classical CAN frame with data (remote, error, CAN FD, malformed),
-            so
-            far.
-        times: when each frame of the newest `receive` came, ns since 1970; None where the link does not tell, or has
-            not been asked to with `keep_times`.
+        ignored: number of frames received that are not classical data frames (remote, error, CAN FD, malformed).
+        times: arrival time of each frame of the newest `receive`, ns since 1970; None if the link does not provide it,
+            or `keep_times` has not been called.
     """
 
     def __init__(self, name: str) -> None:
@@ -41,7 +39,7 @@ class Link(ABC):
         """Send a frame of up to 8 bytes; an identifier of 29 bits has the bit `EXTENDED` set.
 
         Raises:
-            LinkError: the bus does not take it.
+            LinkError: the bus does not accept it.
         """
 
     @abstractmethod
@@ -55,22 +53,22 @@ class Link(ABC):
         """
 
     def keep_times(self) -> None:  # noqa: B027 - links that cannot, need not
-        """Keep `times` from now on, where the link can."""
+        """Keep `times` from now on, if the link can."""
 
     def select(self, can_ids: Collection[int]) -> None:  # noqa: B027 - links that cannot, need not
-        """Receive only these identifiers from now on, where that saves work: others may come all the same."""
+        """Receive only these identifiers from now on; a hint: others may still be returned."""
 
     @abstractmethod
     def fileno(self) -> int:
-        """Return the file descriptor that is readable while frames wait; -1 for `direct`, which has none."""
+        """Return the file descriptor that is readable while frames are waiting; -1 for `direct`, which has none."""
 
     @abstractmethod
     def frames_lost(self) -> int:
-        """Return the frames lost here so far, as they came faster than they were received."""
+        """Return the number of frames lost because they arrived faster than they were received."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the bus; harmless when done before."""
+        """Leave the bus; idempotent."""
 
     def __enter__(self) -> "Link":
         """Return the link itself."""

@@ -1,7 +1,6 @@
 """Buses inside one process: for campaigns and tests, with the same frames as on any other bus.
 
-python-can's `virtual` would do the same; it copies every message for every receiver, which costs twenty times
-more.
+python-can's `virtual` does the same, but copies every message for every receiver, which costs twenty times more.
 """
 
 from collections import deque
@@ -11,15 +10,15 @@ from bench.bus.link.base import MOST_FRAMES, Link
 
 
 class Hub:
-    """All buses of one bench in this process; every bench has a hub of its own."""
+    """All buses of one bench in this process; each bench has its own hub."""
 
     def __init__(self) -> None:
-        """Make a hub that nobody listens to yet."""
+        """Create a hub without links."""
         self.queues: dict[str, list[deque[CanFrame]]] = {}
 
 
 class DirectLink(Link):
-    """One end of a bus of a hub. Nothing is ever lost, and there is nothing to wait on: poll it."""
+    """One end of a bus of a hub. It never loses frames and has no file descriptor to wait on: poll it."""
 
     def __init__(self, name: str, hub: Hub) -> None:
         """Join the bus `name` of `hub`."""

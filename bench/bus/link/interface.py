@@ -1,4 +1,4 @@
-"""Any other bus that python-can knows, by python-can's own calls: CAN hardware of all makers."""
+"""Any other interface of python-can, by python-can's own calls: CAN hardware of all makers."""
 
 from typing import Any
 
@@ -62,7 +62,7 @@ class InterfaceLink(Link):
         return int(self._bus.fileno())
 
     def frames_lost(self) -> int:
-        """Return 0: python-can does not tell what its interfaces lose."""
+        """Return 0: python-can does not report lost frames."""
         return 0
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class InterfaceLink(Link):
 
 
 def open_interface(name: str, place: Place, bit_rate: int) -> InterfaceLink:
-    """Join the bus `name` at a place of python-can, at `bit_rate` bit/s unless the place's options have another.
+    """Join the bus `name` at a place of python-can, at `bit_rate` bit/s unless the place's options set another.
 
     Raises:
         BadInput: python-can cannot open it, or it has no file descriptor to wait on.

@@ -1,7 +1,7 @@
-"""A UDP multicast socket, set up as python-can's udp_multicast does it, with a choice of network device.
+"""A UDP multicast socket, set up as in python-can's udp_multicast, but with a choice of network device.
 
-python-can joins its group wherever the routing table points and cannot be told another device; two hosts that share one
-network among several need to. With no device the socket is as python-can's.
+python-can joins its group on the device given by the routing table and accepts no other; hosts with several networks
+need the choice. Without a device the socket is as python-can's.
 """
 
 import errno
@@ -36,7 +36,7 @@ def require_device(device: str) -> int:
     """Return the index of a network device.
 
     Raises:
-        BadInput: there is none of this name; the message lists those that are there.
+        BadInput: there is none of this name; the message lists the existing ones.
     """
     try:
         return if_nametoindex(device)
@@ -53,10 +53,10 @@ class MulticastSocket:
     """
 
     def __init__(self, bus: str, group: str, port: int, device: str = "") -> None:
-        """Join `group` on `port` for the bus `bus`; on `device`, so that datagrams leave this host by it.
+        """Join `group` on `port` for the bus `bus`; with `device`, datagrams leave this host through it.
 
         Raises:
-            BadInput: there is no such device, no route for multicast, or another program has the port to itself.
+            BadInput: there is no such device, no route for multicast, or another program uses the port exclusively.
         """
         index = require_device(device) if device else 0
         self.socket = socket(AF_INET, SOCK_DGRAM)
@@ -84,10 +84,10 @@ class MulticastSocket:
 
 
 def _check_route(group: str, port: int, device: str, index: int) -> None:
-    """Find out before the first frame whether one could be sent.
+    """Check before the first frame that frames can be sent.
 
     Raises:
-        OSError: it could not.
+        OSError: they cannot.
     """
     with socket(AF_INET, SOCK_DGRAM) as probe:
         if device:
@@ -100,6 +100,6 @@ def _explained(error: OSError, port: int, device: str) -> str:
         return f"UDP port {port} is used by another program; take another port"
     if device:
         mend = f"sudo ip link set {device} up multicast on, and give it an IPv4 address"
-        return f"no multicast by the network device {device} ({error.strerror}); type:\n  {mend}"
+        return f"no multicast on the network device {device} ({error.strerror}); type:\n  {mend}"
     mend = "sudo ip link set lo up && sudo ip route add 239.0.0.0/8 dev lo"
     return f"this machine has no route for multicast ({error.strerror}); type:\n  {mend}"

@@ -16,7 +16,7 @@ def open_link(bus: str, address: Address) -> Link:
     """Open this process's end of a bus (`v2v` or `veh<i>`) at the address.
 
     Raises:
-        BadInput: the bus is not there or cannot be used; the message says what to type.
+        BadInput: the bus does not exist or cannot be used; the message lists the commands that help.
     """
     if address.hub is not None:
         return DirectLink(bus, address.hub)

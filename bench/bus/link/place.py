@@ -1,4 +1,4 @@
-"""Where one bus is: a python-can interface and a channel, written as on the command line.
+"""The place of one bus: a python-can interface and a channel, written as on the command line.
 
 udp                       python-can's udp_multicast on this host, on a port that no other bench uses
 udp:PORT                  the same on a fixed port
@@ -8,7 +8,7 @@ direct                    inside one process
 IFACE:CHANNEL             any other python-can interface: socketcan:can0, pcan:PCAN_USBBUS1
 IFACE:CHANNEL?KEY=VALUE   the same with parameters, more of them after &: slcan:/dev/ttyACM0?tty_baudrate=115200
 
-In a channel, {} stands for the number of the bus.
+In a channel, {} is replaced by the number of the bus.
 """
 
 import re
@@ -32,14 +32,14 @@ _OPTIONS = re.compile(r"\w+=[^&?]*(&\w+=[^&?]*)*")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a bus is.
+    """The place of a bus.
 
     Attributes:
         interface: python-can's name of the interface (udp_multicast, socketcan, pcan, ...), or `direct`.
-        channel: its channel, where {} stands for the number of the bus; empty for udp_multicast and `direct`.
-        port: UDP port, for udp_multicast; None as long as none is reserved.
-        device: network device that udp_multicast's frames go out by; empty where they stay on this host.
-        options: further parameters for python-can's `Bus`, as they were typed.
+        channel: its channel, {} in place of the number of the bus; empty for udp_multicast and `direct`.
+        port: UDP port, for udp_multicast; None until one is reserved.
+        device: network device that sends udp_multicast's frames; empty if they stay on this host.
+        options: further parameters for python-can's `Bus`, as typed.
     """
 
     interface: str
@@ -50,10 +50,10 @@ class Place:
 
     @classmethod
     def parse(cls, text: str, given: str = "") -> "Place":
-        """Read a place in one of the forms above; in messages to a person it is `given`, if that is another text.
+        """Parse a place in one of the forms above; messages quote `given` if it differs from `text`.
 
         Raises:
-            BadInput: it has none of them.
+            BadInput: it has none of these forms.
         """
         given = given or text
         if text == "vcan":
@@ -65,12 +65,12 @@ class Place:
             return cls._parse_udp(given, channel)
         if not (interface and channel):
             raise BadInput(f"{given}: not a bus; {ALLOWED}")
-        # python-can's own name for `udp` has a group as its channel, and the bench needs ports.
+        # With python-can's own name for `udp` the channel is a group, but the bench needs ports.
         if interface == _UDP or interface not in VALID_INTERFACES:
             raise BadInput(f"{given}: no such interface; {ALLOWED}")
         channel, mark, options = channel.partition("?")
         if mark and not (channel and _OPTIONS.fullmatch(options)):
-            raise BadInput(f"{given}: after ? want KEY=VALUE, further ones after &")
+            raise BadInput(f"{given}: after ? give KEY=VALUE, further ones after &")
         if options and interface == "socketcan":
             raise BadInput(f"{given}: a CAN link of the kernel takes no parameters here; set it up with `ip link set`")
         pairs = (option.partition("=") for option in options.split("&")) if options else ()
@@ -84,7 +84,7 @@ class Place:
         if not (port.isascii() and port.isdecimal() and FIRST_USER_PORT <= int(port) <= LAST_PORT):
             raise BadInput(f"{given}: PORT must be a whole number from {FIRST_USER_PORT} to {LAST_PORT}")
         if mark and not _DEVICE.fullmatch(device):
-            raise BadInput(f"{given}: after @ want the name of a network device, as `ip link` lists them")
+            raise BadInput(f"{given}: after @ give the name of a network device, as listed by `ip link`")
         return cls(_UDP, port=int(port), device=device)
 
     @property
@@ -98,7 +98,7 @@ class Place:
         return _NUMBER in self.channel
 
     def of_number(self, number: int) -> "Place":
-        """Return the place with the number of a bus in its channel."""
+        """Return the place with the number of a bus inserted in its channel."""
         return replace(self, channel=self.channel.replace(_NUMBER, str(number)))
 
     def __str__(self) -> str:

@@ -17,10 +17,10 @@ _FRAME = struct.Struct("=IB3x8s")
 """struct can_frame of linux/can.h: identifier and flags, length, data."""
 
 _FILTER = struct.Struct("=II")
-"""struct can_filter of linux/can.h: identifier and flags, and which of their bits must be the same."""
+"""struct can_filter of linux/can.h: identifier and flags, and the mask of bits that must match."""
 
 _EXACTLY = 0xDFFF_FFFF
-"""All bits of identifier and flags but the error flag, which in a mask means error frames and nothing else."""
+"""All bits of identifier and flags except the error flag, which in a mask selects error frames only."""
 
 _REMOTE_OR_ERROR = 0x6000_0000
 
@@ -32,7 +32,7 @@ class SocketcanLink(SocketLink):
         """Join the bus `name` on the kernel's link `channel`, e.g. vcan0.
 
         Raises:
-            BadInput: it cannot be opened; the message says what to type.
+            BadInput: it cannot be opened; the message gives the reason.
         """
         super().__init__(name, _open(name, channel))
         self._channel = channel
@@ -47,7 +47,7 @@ class SocketcanLink(SocketLink):
             raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {reason}") from error
 
     def select(self, can_ids: Collection[int]) -> None:
-        """See `Link`; the kernel itself leaves the others aside."""
+        """See `Link`; the kernel filters the frames."""
         filters = b"".join(_FILTER.pack(can_id, _EXACTLY) for can_id in can_ids)
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
 

@@ -1,8 +1,8 @@
 """Links over Linux sockets: python-can opens the bus, frames are read from its socket.
 
-python-can defines what frames look like on the wire, so every python-can tool takes part. Reading the socket
-here is several times faster than python-can's `recv`, and only on the socket can the receive buffer be raised
-and the kernel's count of dropped frames be read.
+python-can defines what frames look like on the wire, so every python-can tool takes part. Reading the socket here is
+several times faster than python-can's `recv`, and only the socket gives access to the size of the receive buffer and
+the kernel's count of dropped frames.
 """
 
 import os
@@ -16,13 +16,13 @@ from bench.bus.link.base import MOST_FRAMES, Link, LinkError
 from bench.errors import BadInput
 
 RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024
-"""The default buffer holds about 256 frames, and what does not fit vanishes."""
+"""The default buffer holds about 256 frames; further frames are dropped."""
 
 _DATAGRAM_BYTES = 1024
 _SO_RCVBUFFORCE = 33
 _SO_MEMINFO = 55
 _SO_TIMESTAMPNS = 35
-"""Of the kernel's first version, whose answer on 64 bits is the same as the newer one's."""
+"""The old option number, which on 64-bit systems gives the same result as the new one."""
 _TIMESPEC = struct.Struct("=qq")
 _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 _MEMINFO = struct.Struct("=9I")
@@ -30,7 +30,7 @@ _MEMINFO_DROPS = 8
 
 
 class Opened(Protocol):
-    """What has opened a socket and closes it: a python-can bus, or anything alike."""
+    """The owner of an open socket, which closes it: a python-can bus or similar."""
 
     def fileno(self) -> int:
         """Return the socket's file descriptor."""
@@ -46,7 +46,7 @@ class SocketLink(Link):
         """Take over `bus`.
 
         Raises:
-            BadInput: the kernel does not tell how many frames it drops.
+            BadInput: the kernel does not report the number of dropped frames.
         """
         super().__init__(name)
         self._bus = bus
@@ -62,7 +62,7 @@ class SocketLink(Link):
 
     @abstractmethod
     def _parse(self, datagram: bytes) -> CanFrame | None:
-        """Return the frame in a datagram; None for one of our own, or one to be ignored (and counted)."""
+        """Return the frame in a datagram; None if sent by this link, or if ignored (and counted)."""
 
     def receive(self) -> list[CanFrame]:
         """See `Link`."""
@@ -80,7 +80,7 @@ class SocketLink(Link):
         return frames
 
     def _receive(self, frames: list[CanFrame]) -> None:
-        """Put into `frames` what has arrived, up to the `BlockingIOError` when there is no more."""
+        """Append the frames that have arrived to `frames`, until `BlockingIOError` when there are no more."""
         receive, parse = self._socket.recv, self._parse
         for _ in range(MOST_FRAMES):
             frame = parse(receive(_DATAGRAM_BYTES, socket.MSG_DONTWAIT))
@@ -88,7 +88,7 @@ class SocketLink(Link):
                 frames.append(frame)
 
     def _receive_timed(self, frames: list[CanFrame], times: list[int]) -> None:
-        """The same, with the time at which the kernel got each."""
+        """The same, with the time at which the kernel received each."""
         receive, parse = self._socket.recvmsg, self._parse
         for _ in range(MOST_FRAMES):
             datagram, ancillary, _, _ = receive(_DATAGRAM_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
@@ -110,9 +110,8 @@ class SocketLink(Link):
     def frames_lost(self) -> int:
         """Return the kernel's drop counter of the socket (sk_drops, which SO_RXQ_OVFL reports too).
 
-        SO_MEMINFO gives it at any time. SO_RXQ_OVFL gives it only along with the next frame that was not
-        dropped, so the last losses would stay unseen, and python-can's `recv` fails on a second ancillary
-        message.
+        SO_MEMINFO gives it at any time. SO_RXQ_OVFL gives it only with the next frame that was not dropped, so the last
+        losses would go unnoticed, and python-can's `recv` fails on a second ancillary message.
         """
         memory = self._socket.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
         return int(_MEMINFO.unpack(memory)[_MEMINFO_DROPS])
@@ -124,7 +123,7 @@ class SocketLink(Link):
 
 
 def _raise_receive_buffer(sock: socket.socket) -> None:
-    """Ask for a large receive buffer; without the right to force it, the limit is the system's rmem_max."""
+    """Request a large receive buffer; without the privilege to force it, the limit is the system's rmem_max."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
     except PermissionError:

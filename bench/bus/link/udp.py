@@ -1,6 +1,6 @@
-"""The bus `udp`: python-can's udp_multicast; on this host, or on a network device's network. One UDP port is one bus.
+"""The bus `udp`: python-can's udp_multicast, on this host or on a device's network. One UDP port is one bus.
 
-Any python-can tool of this host takes part: `can_logger -i udp_multicast -c 239.74.163.2 --port PORT`.
+Any python-can tool on this host can take part: `can_logger -i udp_multicast -c 239.74.163.2 --port PORT`.
 """
 
 import errno
@@ -21,19 +21,19 @@ from bench.errors import BadInput
 GROUP = UdpMulticastBus.DEFAULT_GROUP_IPv4
 
 FIRST_PORT = 43113
-"""Port of the v2v bus where it is free: python-can's default, so that its tools attach with no port given."""
+"""Port of the v2v bus if it is free: python-can's default, so that its tools attach without a port."""
 
 _LAST_PORT = 60999
 
 
-# Every frame of python-can begins alike up to its identifier, so one that is not selected is told by comparing bytes.
+# All frames of python-can begin with the same bytes up to the identifier, so comparing bytes rejects unselected ones.
 _HEAD = slice(20, 38)
 _ID_KEY = b"\xaearbitration_id"
 _NEXT_KEY = b"\xaeis_extended_id"
 
 
 def _head(can_id: int) -> bytes:
-    """The bytes `_HEAD` of a frame: msgpack's key and value of the identifier, and what follows a short value."""
+    """The bytes `_HEAD` of a frame: msgpack's key and value of the identifier, and the bytes after a short value."""
     if can_id < 0x80:
         value = can_id.to_bytes(1, "big")
     elif can_id < 0x100:
@@ -45,29 +45,29 @@ def _head(can_id: int) -> bytes:
 
 _AFTER_DATA = len(b"\xa5is_fd\xc2\xaebitrate_switch\xc2\xb5error_state_indicator\xc2")
 _DATA_AT, _DATA_END = -_AFTER_DATA - 8, -_AFTER_DATA
-"""Where the data of a frame of 8 bytes is: the last three keys of python-can's map come after it."""
+"""Position of the data of a frame of 8 bytes: the last three keys of python-can's map come after it."""
 
 _EIGHT_BYTES = b"\xc4\x08"
-"""What stands before 8 bytes of data: msgpack's bin 8."""
+"""The bytes before 8 bytes of data: msgpack's bin 8."""
 
 _LEAST_BYTES = 100
 _REMEMBERED = 1024
-"""Kinds of datagrams remembered at most; there are a few dozen on a bus, but anybody can send anything."""
+"""Maximum number of cached kinds of datagrams; a bus has a few dozen, but anybody can send anything."""
 
 
 class UdpLink(SocketLink):
     """A msgpack map per frame, to all sockets of group and port on this host, or on a network device's network."""
 
     def __init__(self, name: str, port: int, device: str = "") -> None:
-        """Join the bus `name` on UDP `port`, on the network device `device` if others than this host take part.
+        """Join the bus `name` on UDP `port`, on the network device `device` if other hosts take part.
 
         Raises:
-            BadInput: it cannot be opened; the message says what to type.
+            BadInput: it cannot be opened; the message gives the reason and the remedy.
         """
         self._pack, self._unpack = _msgpack()
         self._destination = (GROUP, port)
         super().__init__(name, MulticastSocket(name, GROUP, port, device))
-        # Frames to a group come back to their sender; this mark in python-can's `channel` tells them apart.
+        # Frames to a group come back to their sender; this mark in python-can's `channel` identifies them.
         self._mark = f"{name}/{os.urandom(8).hex()}"
         self._mark_bytes = self._mark.encode()
         self._selected: frozenset[bytes] | None = None
@@ -82,9 +82,9 @@ class UdpLink(SocketLink):
             raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error}") from error
 
     def _packed(self, can_id: int, data: bytes) -> bytes:
-        """Return the map that python-can's `pack_message` makes of a message; going there takes three times as long.
+        """Return a message as packed by python-can's `pack_message`, which takes three times as long.
 
-        Frames of one identifier and length differ in their data alone, so the rest is packed once.
+        Frames of one identifier and length differ only in their data, so everything else is packed once.
         """
         around = self._around.get((can_id, len(data)))
         if around is None:
@@ -111,7 +111,7 @@ class UdpLink(SocketLink):
     def select(self, can_ids: Collection[int]) -> None:
         """See `Link`.
 
-        Not in the kernel, which counts a datagram that a socket filter refuses as a lost one.
+        Not in the kernel, which counts a datagram rejected by a socket filter as lost.
         """
         self._selected = frozenset(_head(can_id) for can_id in can_ids)
 
@@ -120,7 +120,7 @@ class UdpLink(SocketLink):
             head = datagram[_HEAD]
             if head not in self._selected and head.startswith(_ID_KEY):
                 return None
-        # All but the data of a frame is the same again and again: what has been unpacked once is known by that.
+        # Frames of one kind differ only in their data: the other fields are unpacked once and cached.
         shape = datagram[:_DATA_AT] + datagram[_DATA_END:]
         if shape in self._known:
             can_id = self._known[shape]
@@ -160,15 +160,15 @@ def _msgpack() -> tuple[Callable[[Any], bytes], Callable[[bytes], Any]]:
 
 @contextmanager
 def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
-    """Hold `count` UDP ports in a row for one bench; without `first`, the lowest that are free.
+    """Reserve `count` consecutive UDP ports for one bench; without `first`, the lowest free ones.
 
-    Ports of udp_multicast are shared by design, so they cannot show that a bench uses them. The lock of UDP
-    port p is therefore TCP port p of the loopback address, bound while the context lasts; the kernel frees it
-    with the process, however that ends.
+    Ports of udp_multicast are shared by design, so they do not show that a bench uses them. The lock of UDP port p is
+    therefore TCP port p of the loopback address, bound until the context ends; the kernel frees it when the process
+    ends, however it does.
 
     Raises:
-        BadInput: a port is held by another bench, used by another program (with `first`: used by one that shares it
-            with nobody), or there are no free ones.
+        BadInput: a port is reserved by another bench, used by another program (with `first`: used exclusively), or
+            there are no free ones.
     """
     if first is not None:
         with hold_udp_ports(range(first, first + count)):
@@ -181,17 +181,17 @@ def reserve_udp_ports(count: int, first: int | None = None) -> Iterator[range]:
             with locks:
                 yield ports
             return
-    raise BadInput(f"no {count} free UDP ports in a row from {FIRST_PORT} to {_LAST_PORT}")
+    raise BadInput(f"no {count} consecutive free UDP ports from {FIRST_PORT} to {_LAST_PORT}")
 
 
 @contextmanager
 def hold_udp_ports(ports: Sequence[int]) -> Iterator[None]:
-    """Hold these UDP ports for one bench; see `reserve_udp_ports`.
+    """Reserve these UDP ports for one bench; see `reserve_udp_ports`.
 
     Raises:
-        BadInput: a port is held by another bench, or used by a program that shares it with nobody.
+        BadInput: a port is reserved by another bench, or used exclusively by a program.
     """
-    # Who names the ports may have ECUs or tools listening there already.
+    # A user who gives the ports may already have ECUs or tools listening there.
     locks = _lock(ports, shared=True)
     if locks is None:
         named = f"{ports[0]} to {ports[-1]}" if isinstance(ports, range) else ", ".join(map(str, ports))
@@ -204,7 +204,7 @@ def hold_udp_ports(ports: Sequence[int]) -> Iterator[None]:
 
 
 def _lock(ports: Iterable[int], shared: bool) -> ExitStack | None:
-    """Return the locks of all `ports`, or None where one of them is not free."""
+    """Return the locks of all `ports`, or None if one of them is not free."""
     with ExitStack() as stack:
         for port in ports:
             lock = stack.enter_context(socket(AF_INET, SOCK_STREAM))
@@ -214,7 +214,7 @@ def _lock(ports: Iterable[int], shared: bool) -> ExitStack | None:
 
 
 def _is_free(port: int, shared: bool) -> bool:
-    """Return whether no program has a UDP socket on this port or, for `shared`, none that keeps it to itself."""
+    """Return whether no program has a UDP socket on this port or, for `shared`, none with exclusive use."""
     with socket(AF_INET, SOCK_DGRAM) as probe:
         if shared:
             probe.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)

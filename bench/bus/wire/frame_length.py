@@ -1,11 +1,11 @@
-"""How long a classical CAN data frame is on the wire, with the stuff bits of its very content.
+"""Length of a classical CAN data frame on the wire, with the exact stuff bits of its content.
 
 ISO 11898-1: start of frame, identifier, control field, data and the CRC-15 are sent with a stuff bit of the other value
 after every five equal bits, stuff bits among them; a stuff bit may also follow the last bit of the CRC. CRC delimiter,
-ACK slot, ACK delimiter and the seven bits of end of frame are sent as they are, and three bits of interframe space keep
-the next frame off.
+ACK slot, ACK delimiter and the seven bits of end of frame are sent as they are, and three bits of interframe space
+separate it from the next frame.
 
-Many frames are taken at once, a byte of all of them at a time: both the CRC and the stuffing are automata with a table.
+Many frames are processed at once, one byte of each at a time: CRC and stuffing are table-driven automata.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from bench.bus.link.base import EXTENDED
 
 INTERFRAME_BITS = 3
-"""Bits after a frame in which no other may begin."""
+"""Bits after a frame during which no other may begin."""
 
 _END_BITS = 10
 """CRC delimiter, ACK slot, ACK delimiter, end of frame."""
@@ -23,19 +23,19 @@ _HEAD_BYTES = 5
 _CRC_POLYNOMIAL = 0x4599
 _CRC_BITS = 15
 _STUFFED_BITS = {False: 34, True: 54}
-"""Bits sent with stuff bits besides the data, by whether the identifier has 29 bits."""
+"""Bits subject to stuffing besides the data, indexed by whether the identifier has 29 bits."""
 
 _Bytes = npt.NDArray[np.uint8]
 _Ints = npt.NDArray[np.int64]
 
 
 def frame_bits(can_id: npt.NDArray[np.uint32], length: _Bytes, data: _Bytes) -> _Ints:
-    """Return the bits of each frame from start to end of frame, without the interframe space.
+    """Return the number of bits of each frame from start to end of frame, without the interframe space.
 
     Args:
         can_id: (n,) identifiers; those of 29 bits have the bit `EXTENDED` set.
         length: (n,) bytes of data, 0..8.
-        data: (n, 8) their data; what is beyond `length` is not read.
+        data: (n, 8) their data; bytes beyond `length` are ignored.
 
     Returns:
         (n,) bits.
@@ -50,7 +50,7 @@ def frame_bits(can_id: npt.NDArray[np.uint32], length: _Bytes, data: _Bytes) -> 
 
 
 def longest_bits(length: int, *, extended: bool = False) -> int:
-    """Return the most bits that a frame of `length` bytes can have, interframe space included.
+    """Return the maximum number of bits of a frame of `length` bytes, including the interframe space.
 
     55 + 10 s with short and 80 + 10 s with long identifiers (Davis et al. 2007, equations 1 and 2).
     """
@@ -59,23 +59,23 @@ def longest_bits(length: int, *, extended: bool = False) -> int:
 
 
 def crc15(data: bytes) -> int:
-    """Return the CRC of CAN (CRC-15/CAN) over whole bytes."""
+    """Return the table of CAN's CRC (CRC-15/CAN) over whole bytes."""
     return int(_crc(np.frombuffer(data, np.uint8).reshape(1, -1))[0])
 
 
 def priority(can_id: npt.NDArray[np.uint32]) -> _Ints:
-    """Return what arbitration compares, (n,): the lower goes first.
+    """Return the arbitration priority, (n,): the lowest wins.
 
-    Where the 11 leading bits are equal, the short identifier wins, as its frame has the dominant bits there.
+    If the 11 leading bits are equal, the short identifier wins, because its next bits are dominant.
     """
     number = can_id.astype(np.int64) & ~EXTENDED
     return np.where(can_id & EXTENDED, (number >> 18) << 19 | 1 << 18 | number & 0x3FFFF, number << 19)
 
 
 def _heads(can_id: _Ints, extended: npt.NDArray[np.bool_], length: _Bytes) -> _Bytes:
-    """Return start of frame, identifier and control field of each frame, (n, 5), its bits at the end.
+    """Return start of frame, identifier and control field of each frame, (n, 5), right-aligned.
 
-    What is before start of frame are zeros, which a CRC that starts at zero does not see.
+    The bits before start of frame are zeros, which do not change a CRC that starts at zero.
     """
     number = can_id & ~EXTENDED
     # 11 leading bits, SRR = IDE = 1, 18 more, RTR = r1 = r0 = 0; and 11 bits, RTR = IDE = r0 = 0.
@@ -96,7 +96,7 @@ def _stuff_bits(head: _Bytes, extended: npt.NDArray[np.bool_], data: _Bytes) -> 
     """Return the number of stuff bits of frames that all have the same length, (n,)."""
     frames = np.hstack([head, data])
     crc = _crc(frames)
-    # Before start of frame ones and zeros in turn: they need no stuff bit, and start of frame begins a run of its own.
+    # Before start of frame alternating ones and zeros: they need no stuff bit, and start of frame begins a new run.
     frames[:, :_HEAD_BYTES] |= np.where(extended[:, None], _LEAD_LONG, _LEAD_SHORT)
     state = np.zeros(len(frames), np.int64)
     count = np.zeros(len(frames), np.int64)
@@ -115,9 +115,9 @@ def _crc_table() -> _Ints:
 
 
 def _stuff_table(bits: int) -> _Ints:
-    """Return what `bits` more bits do, by state and their value: number of stuff bits * 8 + state after them.
+    """Return the effect of `bits` more bits, by state and their value: number of stuff bits * 8 + next state.
 
-    A state is the last bit and how many bits of that value there were in a row: 4 * bit + run - 1, runs of 1 to 4.
+    A state is the last bit and the length of its run: 4 * bit + run - 1, runs of 1 to 4.
     """
     state, value = np.meshgrid(np.arange(8), np.arange(1 << bits), indexing="ij")
     last, run, count = state >> 2, (state & 3) + 1, np.zeros_like(state)

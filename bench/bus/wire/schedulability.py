@@ -1,8 +1,8 @@
-"""Worst-case response times on CAN, and whether a bus can carry its messages at all.
+"""Worst-case response times on CAN, and the check that a bus can carry its messages.
 
 R. I. Davis, A. Burns, R. J. Bril, J. J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted,
-revisited and revised", Real-Time Systems 35 (2007). The analysis of 1994 looks at the first frame of a busy period
-only; a later one may wait longer, as the frame before it has kept higher priorities waiting that come first then.
+revisited and revised", Real-Time Systems 35 (2007). The analysis of 1994 considers only the first frame of a busy
+period; a later one may wait longer, because the frame before it delayed higher priorities, which then go first.
 
 Symbols are the paper's: C longest transmission, T period, J release jitter, B blocking, w queuing delay, q the number
 of the frame in its busy period, R response time.
@@ -27,19 +27,19 @@ from bench.events import ResponseBeyondPeriod
 _NS = 1_000_000_000
 
 HORIZON_NS = 10 * _NS
-"""No busy period is followed for longer: what takes as long has no bound that anybody could use."""
+"""The analysis stops at busy periods of this length: a longer response time is treated as unbounded."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """A message as the analysis sees it.
+    """A message as input of the analysis.
 
     Attributes:
         name: as in the DBC.
         can_id: its identifier; one of 29 bits has the bit `EXTENDED` set.
         length: bytes of data.
         period_ns: T, also its deadline.
-        jitter_ns: J, how much the release of its frames varies against an exact period.
+        jitter_ns: J, maximum deviation of its release from an exact period.
     """
 
     name: str
@@ -50,18 +50,18 @@ class Stream:
 
     @property
     def bits(self) -> int:
-        """The bits of its longest frame, interframe space included."""
+        """The bits of its longest frame, including the interframe space."""
         return longest_bits(self.length, extended=bool(self.can_id & EXTENDED))
 
 
 @dataclass(frozen=True)
 class WorstCase:
-    """How long a frame takes at most, up to the end of the interframe space behind it.
+    """A worst-case response time, up to the end of the interframe space after the frame.
 
     Attributes:
-        response_ns: R, from its nominal release on: what is compared with a deadline.
-        from_release_ns: from its actual release on: what can be measured. R - J, unless a frame can be released while
-            the one before it still waits.
+        response_ns: R, from the nominal release: compared with the deadline.
+        from_release_ns: from the actual release: can be measured. R - J, unless a frame can be released while the one
+            before it is still waiting.
     """
 
     response_ns: int
@@ -69,9 +69,9 @@ class WorstCase:
 
 
 def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
-    """Return the periodic messages of a bus with `vehicles` vehicles, the highest priority first.
+    """Return the periodic messages of a bus with `vehicles` vehicles, highest priority first.
 
-    BenchAbsent is left out: it is there for the clock of virtual time and is on no wire.
+    BenchAbsent is excluded: it serves the clock of virtual time and is never on the wire.
     """
     found = []
     for each in transmissions(bus, codec, vehicles):
@@ -83,15 +83,15 @@ def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
 
 
 def load(messages: Sequence[Stream], bit_rate: int) -> float:
-    """Return the share of the bus that the messages need at most."""
+    """Return the maximum bus load of the messages, 1 is full."""
     return sum(message.bits * _NS / (message.period_ns * bit_rate) for message in messages)
 
 
 def response_times(messages: Sequence[Stream], bit_rate: int) -> dict[int, WorstCase | None]:
-    """Return each message's worst case by identifier.
+    """Return each message's worst-case response time by identifier.
 
-    None where there is no bound, as the message and those of higher priority load the bus to the full, or keep it busy
-    for longer than `HORIZON_NS`.
+    None if there is no bound, because the message and those of higher priority load the bus fully, or keep it busy for
+    longer than `HORIZON_NS`.
 
     Args:
         messages: all messages of a bus.
@@ -111,7 +111,7 @@ def _response(ordered: Sequence[Stream], m: int, bit_rate: int) -> WorstCase | N
     higher = [(k.period_ns, k.jitter_ns, _transmission(k, bit_rate)) for k in ordered[:m]]
 
     def queued(time: int) -> int:
-        """Longest transmission of what is released with higher priority within `time`."""
+        """Longest transmission time of the frames with higher priority released within `time`."""
         return sum(-(-(time + jitter) // period) * c for period, jitter, c in higher)
 
     def frames_of_m(time: int) -> int:
@@ -123,9 +123,9 @@ def _response(ordered: Sequence[Stream], m: int, bit_rate: int) -> WorstCase | N
         return None
     response, from_release, w = 0, 0, 0
     for q in range(frames_of_m(busy)):
-        # What is released up to the last bit time before m could start goes first.
+        # Frames of higher priority released up to the last bit time before m could start go first.
         w = _fixed_point(max(w, blocking + q * c_m), partial(_delay, blocking + q * c_m, queued, tau_bit))
-        # The busy period begins J after the nominal release of the first frame at most, and no frame in it was released
+        # The busy period begins at most J after the nominal release of the first frame, and no frame in it was released
         # before it began.
         response = max(response, own.jitter_ns + w + c_m - q * own.period_ns)
         from_release = max(from_release, w + c_m - max(0, q * own.period_ns - own.jitter_ns))
@@ -137,11 +137,11 @@ def _delay(base: int, queued: Callable[[int], int], tau_bit: int, w: int) -> int
 
 
 def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[ResponseBeyondPeriod]:
-    """Return which messages may be late in the worst case, of all buses.
+    """Return the messages of all buses that may be late in the worst case.
 
     Args:
         codecs: codec of every bus.
-        vehicles: how many there are.
+        vehicles: number of vehicles.
 
     Raises:
         BadInput: a bus cannot carry its messages.
@@ -167,7 +167,7 @@ def check_load(codecs: Mapping[str, Codec], vehicles: int) -> list[ResponseBeyon
 
 
 def _overload(codecs: Mapping[str, Codec], overloaded: Mapping[str, Sequence[Stream]], vehicles: int) -> list[str]:
-    """Say of each DBC whose bus is overloaded how much it is and what helps; all vehicles' buses have the same."""
+    """Return a message for each DBC with an overloaded bus: its load and the remedy; all vehicles share one DBC."""
     lines = []
     for dbc in ("v2v", "vehicle"):
         buses = [bus for bus in overloaded if (bus == V2V) == (dbc == "v2v")]
@@ -184,13 +184,13 @@ def _overload(codecs: Mapping[str, Codec], overloaded: Mapping[str, Sequence[Str
 
 
 def _enough(needed: float) -> str:
-    """The lowest usual bit rate that is enough."""
+    """The lowest usual bit rate that suffices."""
     rates = [rate for rate in (125_000, 250_000, 500_000, 1_000_000) if rate >= needed]
     return f"{rates[0]} bit/s" if rates else "more than 1000000 bit/s, which classical CAN does not have,"
 
 
 def _fixed_point(start: int, step: Callable[[int], int]) -> int:
-    """Return the first value from `start` on that `step`, which never falls, keeps, or one past the horizon."""
+    """Return the least fixed point of the non-decreasing `step` from `start` on, or a value beyond the horizon."""
     value = start
     while value <= HORIZON_NS and (following := step(value)) > value:
         value = following

@@ -1,16 +1,16 @@
-"""When each frame is on the wire: arbitration on every bus of a bench, from cycle to cycle.
+"""Bus timing: arbitration on every bus of a bench, from cycle to cycle.
 
-CAN is a non-preemptive bus with fixed priorities: whenever it is free, the waiting frame with the lowest identifier
-goes next, and nothing stops it. What a bench's kernel or process hands over in no time therefore takes its time here,
-at the DBC's bit rate and with the length that the frame's content gives it.
+CAN is a non-preemptive bus with fixed priorities: when it is free, the waiting frame with the lowest identifier is sent
+and cannot be interrupted. Frames that a bench delivers without delay get their transmission time here, from the DBC's
+bit rate and the length of the frame's content.
 
-A frame is released (waits for the bus from then on)
+A frame is released (starts to wait for the bus)
 
 - in lockstep, where time is virtual and computing takes none of it: BenchSync with its cycle; the plant's messages at
   the end of BenchSync on their bus; an ECU's messages when BenchSync and all of its inputs of this cycle are off the
-  wire of its vehicle's bus. What comes over v2v is of the cycle before, so nobody waits for it. A frame of an
-  identifier that the DBC does not have is released with the cycle;
-- in real time when it was received.
+  wire of its vehicle's bus. Frames on v2v are used in the next cycle, so no ECU waits for them. A frame whose
+  identifier is not in the DBC is released with the cycle;
+- in real time: when it was received.
 
 The end of a frame is that of its last bit, before the interframe space; its response time is from release to end.
 """
@@ -46,12 +46,12 @@ FRAME = np.dtype(
         ("response", "<i8"),
     ]
 )
-"""A frame: number of its bus; data padded with zeros; simulated time of its cycle, the host's receive time, end on the
-wire (simulated; 0 where it was never there) and response time, all in ns."""
+"""A frame: number of its bus; data padded with zeros; simulated time of its cycle, receive time on the host, end on the
+wire (simulated; 0 if never sent) and response time, all in ns."""
 
 
 class _Cycle:
-    """One cycle on a vehicle's bus: who has yet to send, and for how many frames each still waits."""
+    """One cycle on a vehicle's bus: the senders yet to send, and the number of frames each still waits for."""
 
     __slots__ = ("left", "waiting")
 
@@ -61,7 +61,7 @@ class _Cycle:
         self.waiting: dict[str, list[tuple[_Port, int, int, int, int]]] = {}
 
     def release(self, process: str, time: int) -> None:
-        """Let the frames of a process wait for their buses from `time` on."""
+        """Release the frames of a process at `time`."""
         for port, rank, serial, duration, can_id in self.waiting.pop(process, ()):
             heappush(port.to_come, (time, rank, serial, duration, can_id, self))
 
@@ -70,12 +70,12 @@ class _Port:
     """One bus.
 
     Attributes:
-        readers: which processes wait for a frame, by its identifier.
-        routes: of the frames that are an answer to others, sender and the bus whose frames it waits for, by identifier.
-        free: when the next frame may begin.
+        readers: the processes that wait for a frame, by its identifier.
+        routes: by identifier of frames sent in response to others, the sender and the bus whose frames it waits for.
+        free: time from which the next frame may begin.
         ready: frames that wait for the bus: priority, serial number, release, ns on the wire, identifier, cycle.
-        to_come: the same of those released later than `free`: release, priority, ...
-        open_cycles: cycles in which somebody has yet to send.
+        to_come: the same for frames released later than `free`: release, priority, ...
+        open_cycles: cycles in which some sender has yet to send.
     """
 
     def __init__(self, name: str, codec: Codec) -> None:
@@ -97,13 +97,13 @@ class _Port:
         self.open_cycles: list[_Cycle] = []
 
     def run(self, until: int, done: list[tuple[int, int, int]]) -> None:
-        """Send until nothing more begins before `until`; add serial number, end and response time to `done`."""
+        """Send all frames that begin before `until`; add serial number, end and response time to `done`."""
         while True:
             self._send(until, done)
             self.open_cycles = [cycle for cycle in self.open_cycles if cycle.waiting]
             if self.ready or self.to_come or not self.open_cycles:
                 return
-            # Who waits for one that waits for the first would wait for ever; on a bench neither would have sent.
+            # Two senders that wait for each other would wait for ever; on a bench neither would have sent.
             for cycle in self.open_cycles:
                 for process in list(cycle.waiting):
                     cycle.release(process, self.free - self.interframe)
@@ -132,7 +132,7 @@ class _Port:
 
 
 class BusTimeline:
-    """Puts the frames of a run on the wire, batch after batch."""
+    """Computes the bus timing of a run's frames, batch after batch."""
 
     def __init__(
         self, codecs: Mapping[str, Codec], inputs: Mapping[str, Sequence[Topic]], *, realtime: bool = False
@@ -141,8 +141,8 @@ class BusTimeline:
 
         Args:
             codecs: codec of every bus; frames name the bus by its number here.
-            inputs: what each process takes, by its name (veh1.tracker); read with the first frame. A process that is
-                not there sends as soon as BenchSync has come.
+            inputs: inputs of each process, by its name (veh1.tracker); read with the first frame. A process not listed
+                sends as soon as BenchSync has arrived.
             realtime: whether the wall clock paces the cycles.
         """
         self._codecs = codecs
@@ -155,18 +155,18 @@ class BusTimeline:
         self._held_serials = np.empty(0, np.int64)
 
     def send(self, frames: npt.NDArray[Any], *, last: bool = False) -> npt.NDArray[Any]:
-        """Send frames and return those whose time on the wire is certain.
+        """Send frames and return those whose timing is final.
 
-        What waits for a bus at the end of the newest cycle may be overtaken by a frame of the next one, and comes with
-        a later batch.
+        A frame still waiting at the end of the newest cycle may be overtaken by one of the next cycle; it is returned
+        with a later batch.
 
         Args:
-            frames: (n,) new ones as `FRAME`, `wire` 0, cycle after cycle, in lockstep whole cycles only; changed.
+            frames: (n,) new ones as `FRAME`, `wire` 0, cycle after cycle, in lockstep complete cycles only; modified.
             last: whether no more frames will follow.
 
         Returns:
-            (m,) frames with `wire` and `response`, by cycle; in lockstep by their end on the wire within a cycle and
-            last those that were not there; in real time as they came.
+            (m,) frames with `wire` and `response`, by cycle; in lockstep sorted by end on the wire within a cycle,
+            frames never sent last; in real time in the order of arrival.
         """
         if not self._ports:
             self._make_ports()
@@ -175,7 +175,7 @@ class BusTimeline:
         done: list[tuple[int, int, int]] = []
         absent = self._realtime_batch(frames, serials, done) if self._realtime else self._cycles(frames, serials, done)
         if last:
-            # Vehicles first: what their planners send by radio is released by what they hear.
+            # Vehicles first: frames received on their buses release the planners' frames on v2v.
             for port in self._in_order():
                 port.run(_NEVER, done)
         if len(self._held):
@@ -190,7 +190,7 @@ class BusTimeline:
         if self._realtime:
             return frames
         missing = frames["wire"] == 0
-        # Announcements of frames that will not come reach the bench from several processes in any order.
+        # Announcements of absent frames arrive from several processes in any order.
         text = np.where(missing, np.ascontiguousarray(frames["data"]).view(">u8")[:, 0], 0)
         return frames[np.lexsort((text, np.where(missing, _NEVER, frames["wire"]), frames["time"]))]
 
@@ -200,7 +200,7 @@ class BusTimeline:
         for port in self._ports:
             port.readers = {port.sync_id: []}
             for can_id, process in port.senders.items():
-                # A planner sends on v2v too, on account of what it hears on its vehicle's bus.
+                # A planner also sends on v2v, in response to frames on its vehicle's bus.
                 home = by_name.get(process.partition(".")[0], port)
                 port.routes[can_id] = process, home
         for process, home in {route for port in self._ports for route in port.routes.values()}:
@@ -216,7 +216,7 @@ class BusTimeline:
     def _cycles(
         self, frames: npt.NDArray[Any], serials: npt.NDArray[np.int64], done: list[tuple[int, int, int]]
     ) -> list[int]:
-        """Take whole cycles of lockstep; return the serial numbers of the frames that are never on the wire."""
+        """Process complete cycles of lockstep; return the serial numbers of frames never on the wire."""
         absent: list[int] = []
         ordered = self._in_order()
         times = frames["time"]
@@ -230,7 +230,7 @@ class BusTimeline:
         return absent
 
     def _open(self, time: int, rows: list[tuple[int, int, int, int, int]], absent: list[int]) -> None:
-        """Let a cycle's frames wait: for the bus, or for what their sender waits for."""
+        """Queue a cycle's frames: for the bus, or until their sender's inputs have arrived."""
         cycles = {port: _Cycle() for port in self._ports}
         for number, can_id, rank, duration, serial in rows:
             port = self._ports[number]
@@ -273,7 +273,7 @@ class BusTimeline:
         rates = np.array([port.bit_rate for port in self._ports], np.int64)
         bits = frame_bits(frames["can_id"], frames["length"], frames["data"])
         if not self._realtime:
-            # Figures of the wall clock must not shift what else is on the wire: taken as long as a frame can be.
+            # Wall-clock values must not change the timing of other frames: assume the maximum length.
             for number, codec in enumerate(self._codecs.values()):
                 clocked = [can_id for can_id in codec.can_ids if codec.is_wall_clock(can_id)]
                 rows = (frames["bus"] == number) & np.isin(frames["can_id"], clocked)

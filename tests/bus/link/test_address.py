@@ -80,7 +80,7 @@ def test_an_address_reads_what_it_writes(texts):
     ],
 )
 def test_what_is_no_address_is_refused_with_what_is_allowed(text):
-    allowed = "allowed: udp, udp:PORT, udp:PORT@DEVICE, vcan, direct|1024 to|after \\? want"
+    allowed = "allowed: udp, udp:PORT, udp:PORT@DEVICE, vcan, direct|1024 to|after \\? give"
     with pytest.raises(BadInput, match=f"^--can {re.escape(text)}: .*({allowed})"):
         Address.parse(text)
 
@@ -90,14 +90,14 @@ def test_what_is_no_address_is_refused_with_what_is_allowed(text):
     [
         ("veh17=udp", "--can bus 'veh17' does not exist; buses are v2v and veh1 to veh16"),
         ("V2V=udp", "--can bus 'V2V' does not exist"),
-        ("udp vcan", "--can vcan: every bus has udp already"),
-        ("veh1=udp veh1=vcan", "--can veh1=vcan: veh1 has udp already"),
-        ("direct veh1=udp", "--can direct --can veh1=udp: direct is one process with all buses; give it alone"),
-        ("udp veh1=direct", "direct is one process with all buses; give it alone"),
-        ("udp:45000@", "after @ want the name of a network device"),
-        ("udp:45000@a b", "after @ want the name of a network device"),
-        ("pcan:A?fd", "after ? want KEY=VALUE"),
-        ("pcan:A?fd=1&", "after ? want KEY=VALUE"),
+        ("udp vcan", "--can vcan: every bus already has udp"),
+        ("veh1=udp veh1=vcan", "--can veh1=vcan: veh1 already has udp"),
+        ("direct veh1=udp", "--can direct --can veh1=udp: direct "),
+        ("udp veh1=direct", "give it alone"),
+        ("udp:45000@", "after @ give the name of a network device"),
+        ("udp:45000@a b", "after @ give the name of a network device"),
+        ("pcan:A?fd", "after ? give KEY=VALUE"),
+        ("pcan:A?fd=1&", "after ? give KEY=VALUE"),
         ("socketcan:can{}?bitrate=1", "a CAN link of the kernel takes no parameters here"),
     ],
 )
