@@ -1,4 +1,4 @@
-"""What a run depends on: `load` reads a scenario, `Scenario` is one, `shipped` names those that come with the bench."""
+"""Scenarios, the complete input of a run: `load` reads one, `Scenario` is the model, `shipped` lists those included."""
 
 from bench.faults.profile import Constant, Profile, Sine, Step
 from bench.scenario.loading import SCENARIO_DIR, from_log, load, shipped

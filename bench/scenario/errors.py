@@ -1,4 +1,4 @@
-"""What is wrong with a scenario, in words: place, key, value, allowed range and mend; all errors at once."""
+"""Error messages for scenarios: location, key, value, allowed range and remedy; all errors at once."""
 
 import difflib
 import re
@@ -21,12 +21,12 @@ _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w\"'. -]+?)\s*\]\]?\s*(?:#.*)?$")
 
 @dataclass(frozen=True)
 class Source:
-    """Where the values of a scenario came from.
+    """Origin of the values of a scenario.
 
     Attributes:
         name: the file.
-        text: what is in it.
-        document: its values, with the overrides put in.
+        text: content of the file.
+        document: parsed values with the overrides applied.
         given: the command-line option behind each overridden key.
     """
 
@@ -36,7 +36,7 @@ class Source:
     given: Mapping[Path, str]
 
     def place(self, path: Path) -> str:
-        """Return the option or the line the value at `path` comes from, as far as it can be told."""
+        """Return the option or line that the value at `path` comes from; empty if unknown."""
         for key, option in self.given.items():
             if path[: len(key)] == key or key[: len(path)] == path:
                 return option
@@ -51,9 +51,9 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
     """Return one message with every problem of a scenario.
 
     Args:
-        error: what pydantic found.
-        source: the file and the options it was made from.
-        schema: the scenario's JSON schema, for the allowed ranges and keys.
+        error: the validation error of pydantic.
+        source: file and options of the scenario.
+        schema: JSON schema of a scenario, for the allowed ranges and keys.
     """
     details = error.errors(include_url=False)
     problems = [
@@ -68,7 +68,7 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
 
 
 def closest(name: str, names: Iterable[str]) -> str | None:
-    """Return the one of `names` that `name` was most likely meant to be, if any is near."""
+    """Return the one of `names` closest to `name`; None if none is similar."""
     found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)
     return found[0] if found else None
 
@@ -79,10 +79,10 @@ def dotted(path: Sequence[str | int]) -> str:
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    """Return the line number of every key and table of a TOML text that a scenario can have.
+    """Return the line number of every key and table of a scenario's TOML text.
 
-    The standard library's TOML reader keeps no line numbers. Inline tables are found as far as their list's
-    entries (one a line); anything deeper is told by the line of its parent.
+    The TOML reader of the standard library keeps no line numbers. Inline tables are found down to the entries of a
+    list (one per line); anything deeper is reported with the line of its parent.
     """
     lines: dict[Path, int] = {}
     entries: dict[Path, int] = {}
@@ -107,7 +107,7 @@ def _parts(key: str) -> Path:
 
 
 def _enter(key: Path, is_entry: bool, entries: dict[Path, int]) -> Path:
-    """Return the path a table header opens, with the index of the list entry it is in."""
+    """Return the path of a table header, with the indices of the list entries it belongs to."""
     if is_entry:
         entries[key] = entries.get(key, -1) + 1
     path: Path = ()
@@ -119,7 +119,7 @@ def _enter(key: Path, is_entry: bool, entries: dict[Path, int]) -> Path:
 
 
 def _is_echo(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
-    """Whether pydantic finds a list too short only because it does not count the entries it refused."""
+    """Whether pydantic reports a list as too short only because it does not count rejected entries."""
     path = detail["loc"]
     return detail["type"] == "too_short" and any(
         len(other["loc"]) > len(path) and other["loc"][: len(path)] == path for other in details
@@ -127,7 +127,7 @@ def _is_echo(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
 
 
 def _problems(detail: ErrorDetails, schema: Mapping[str, Any]) -> list[tuple[Path, str]]:
-    """Return the problems one of pydantic's errors stands for, each with the path of its key."""
+    """Return the problems behind one pydantic error, each with the path of its key."""
     context = detail.get("ctx", {})
     if detail["type"] == "together":
         return [(tuple(path), text) for path, text in context["problems"]]
@@ -141,7 +141,7 @@ def _problems(detail: ErrorDetails, schema: Mapping[str, Any]) -> list[tuple[Pat
 
 
 def _named_in(text: str, path: Path, node: Mapping[str, Any]) -> Path:
-    """Return the path of the setting a controller's own check speaks of, so that its line can be shown."""
+    """Return the path of the setting named by a controller's check, so that its line can be shown."""
     named = [key for key in node.get("properties", {}) if re.search(rf"\b{key}\b", text)]
     return (*path, max(named, key=len)) if named else path
 
@@ -152,7 +152,7 @@ def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Map
         keys = sorted(_schema_at(schema, detail["loc"][:-1]).get("properties", {}))
         near = closest(str(path[-1]), keys)
         meant = f"did you mean {dotted((*path[:-1], near))}? " if near else ""
-        return f"is no key of a scenario; {meant}allowed: {', '.join(keys)}"
+        return f"is not a scenario key; {meant}allowed: {', '.join(keys)}"
     if kind == "union_tag_not_found":
         return f"has no kind; allowed: {_allowed(node)}"
     if kind == "missing":
@@ -175,7 +175,7 @@ def _shown(value: Any) -> str:
 
 
 def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[str, Any]:
-    """Return the part of a JSON schema that describes the value at `path`; empty where there is none."""
+    """Return the part of a JSON schema that describes the value at `path`; empty if there is none."""
     node = _resolve(schema, schema)
     for part in path:
         if isinstance(part, int):
@@ -192,7 +192,7 @@ def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[
 
 
 def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Follow references, and take the value out of "a value or nothing"."""
+    """Follow references, and return the value type of an optional value."""
     while True:
         if "$ref" in node:
             node = schema["$defs"][node["$ref"].rpartition("/")[2]]
@@ -203,7 +203,7 @@ def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str,
 
 
 def _allowed(node: Mapping[str, Any]) -> str:
-    """Return what a JSON schema allows, in words."""
+    """Return the values that a JSON schema allows, as text."""
     if "discriminator" in node and "range" not in node:
         return f"one of {', '.join(node['discriminator']['mapping'])}"
     if "discriminator" in node:

@@ -1,4 +1,4 @@
-"""Whether what a fault is done to exists: vehicles, messages, signals."""
+"""Checks that the targets of faults exist: vehicles, messages, signals."""
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -10,7 +10,7 @@ from bench.names import CONDUCTOR
 
 
 class _Bench:
-    """See `bench.faults.base.Bench`: what the DBC files say of a scenario's buses."""
+    """See `bench.faults.base.Bench`: the buses of a scenario according to their DBC files."""
 
     def __init__(self, vehicles: int) -> None:
         self.vehicles = vehicles
@@ -32,5 +32,5 @@ class _Bench:
 
 
 def target_problems(fault: Fault, vehicles: int) -> list[Problem]:
-    """Return what is wrong with the target of a fault in a scenario of this many vehicles; empty where all is well."""
+    """Return the problems with a fault's target in a scenario with this number of vehicles; empty if there are none."""
     return fault.problems(_Bench(vehicles))

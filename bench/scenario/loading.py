@@ -1,4 +1,4 @@
-"""Reads a scenario from TOML: one that ships with the bench or a file, with what the command line replaces in it."""
+"""Reads a scenario from TOML, a shipped one or a file, and applies command-line overrides."""
 
 import json
 import re
@@ -19,7 +19,7 @@ SCENARIO_DIR = Path(__file__).parent / "shipped"
 
 
 def shipped() -> list[str]:
-    """Return the names of the scenarios that come with the bench."""
+    """Return the names of the shipped scenarios."""
     return sorted(path.stem for path in SCENARIO_DIR.glob("*.toml"))
 
 
@@ -28,11 +28,11 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
 
     Args:
         name_or_path: the name of a shipped scenario, or a TOML file.
-        overrides: `KEY=VALUE` each, KEY dotted (`vehicles.0.x_m`, `vehicles[0].x_m`), VALUE as in TOML.
+        overrides: `KEY=VALUE` each, with a dotted KEY (`vehicles.0.x_m`, `vehicles[0].x_m`) and a TOML VALUE.
         seed: replaces the scenario's seed.
 
     Raises:
-        BadInput: with all that is wrong in one message: key, line, value, allowed range and mend.
+        BadInput: one message with all errors: key, line, value, allowed range and remedy.
     """
     path = _find(name_or_path)
     text, document = _read(path)
@@ -44,7 +44,7 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
         document["seed"] = seed
         given["seed",] = f"--seed {seed}"
     try:
-        # JSON, because strict validation takes lists for tuples and tables for dataclasses only from there.
+        # From JSON, because only then strict validation accepts lists as tuples and tables as dataclasses.
         return Scenario.model_validate_json(json.dumps(document, default=str))
     except ValidationError as error:
         source = Source(str(path), text, document, given)
@@ -52,7 +52,7 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
 
 
 def from_log(text: str) -> Scenario:
-    """Return the scenario that is attached to a log, as TOML, which an earlier version may have written.
+    """Return the scenario attached to a log as TOML, possibly written by an earlier version.
 
     Raises:
         ValueError: it cannot be read.
@@ -75,7 +75,7 @@ def _find(name_or_path: str | Path) -> Path:
         raise BadInput(f"Scenario {name!r} is a directory; give a file or one of {', '.join(shipped())}.")
     near = closest(name, shipped())
     meant = f" Did you mean {near}?" if near else ""
-    raise BadInput(f"No scenario {name!r}: no such file, and shipped are {', '.join(shipped())}.{meant}")
+    raise BadInput(f"No scenario {name!r}: not a file; shipped scenarios are {', '.join(shipped())}.{meant}")
 
 
 def _name_from(path: Path) -> str:
@@ -89,9 +89,9 @@ def _read(path: Path) -> tuple[str, dict[str, Any]]:
     except OSError as error:
         raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error
     except UnicodeDecodeError as error:
-        raise BadInput(f"{path} is no TOML: not UTF-8 text (byte {error.start}).") from error
+        raise BadInput(f"{path} is not TOML: not UTF-8 text (byte {error.start}).") from error
     except (
         ValueError,
         RecursionError,
-    ) as error:  # the reader's own errors, and numbers of thousands of digits
-        raise BadInput(f"{path} is no TOML: {error}.") from error
+    ) as error:  # errors of the reader, and numbers with thousands of digits
+        raise BadInput(f"{path} is not TOML: {error}.") from error

@@ -1,8 +1,8 @@
-"""A scenario: everything a run depends on, validated before anything starts.
+"""A scenario: the complete input of a run, validated before the run starts.
 
-Keys carry their unit (`_m`, `_mps`, `_rad`, `_s`, `_n`, `_nm`). Positions are of the centre of mass in the
-road frame (ISO 8855: X along the road, Y to the left). Vehicles are counted from 1 where people read of them
-(`veh1`), list indices in keys from 0 (`vehicles.0.x_m`).
+Keys carry their unit (`_m`, `_mps`, `_rad`, `_s`, `_n`, `_nm`). Positions are those of the centre of mass in the
+road frame (ISO 8855: X along the road, Y to the left). Vehicle numbers start at 1 (`veh1`), list indices in keys at 0
+(`vehicles.0.x_m`).
 """
 
 import dataclasses
@@ -29,10 +29,10 @@ from bench.faults.profile import STRICT, Profile, Within, constant
 from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
 
 LEAST_START_DISTANCE_M = 4.0
-"""Two centres of mass nearer than this (m), a car's length, are two vehicles in one place."""
+"""Minimum initial distance between centres of mass (m): the length of a car."""
 
 Problem = tuple[tuple[str | int, ...], str]
-"""The path of a key, and what is wrong with its value."""
+"""The path of a key, and the error in its value."""
 
 Speed = Annotated[float, Field(ge=1, le=40)]
 Lateral = Annotated[float, Field(ge=-100, le=100)]
@@ -44,7 +44,7 @@ Slope = Annotated[Profile, Within(-0.3, 0.3)]
 
 
 class Platoon(BaseModel):
-    """What the vehicles are to form: a lane, a speed and a gap (centre to centre)."""
+    """The platoon to form: lane, speed and gap (centre to centre)."""
 
     model_config = STRICT
 
@@ -54,7 +54,7 @@ class Platoon(BaseModel):
 
 
 class Road(BaseModel):
-    """What acts on a vehicle from outside, each a constant or a function of time.
+    """External influences on a vehicle, each a constant or a function of time.
 
     Attributes:
         lambda_f: front cornering stiffness is C_f (1 + 0.4 lambda_f).
@@ -78,7 +78,7 @@ class Road(BaseModel):
 
 
 class VehicleRoad(BaseModel):
-    """The values of `Road` that are different for one vehicle."""
+    """The values of `Road` that differ for one vehicle."""
 
     model_config = STRICT
 
@@ -92,11 +92,11 @@ class VehicleRoad(BaseModel):
 
 
 class Vehicle(BaseModel):
-    """Where a vehicle starts; it rolls straight ahead at `speed_mps`."""
+    """Initial state of a vehicle, which rolls straight ahead at `speed_mps`."""
 
     model_config = STRICT
 
-    # The bounds keep a run of 300 s at 40 m/s inside what the position signals can carry (13 421 m).
+    # The bounds keep a run of 300 s at 40 m/s within the range of the position signals (13 421 m).
     x_m: Annotated[float, Field(ge=-1000, le=1000)]
     y_m: Lateral
     yaw_rad: Annotated[float, Field(ge=-1.5, le=1.5)] = 0.0
@@ -105,24 +105,24 @@ class Vehicle(BaseModel):
 
 
 def _refuse_unknown_keys(settings: type) -> None:
-    """Validate a plain dataclass of the controllers, and those inside it, as strictly as our own models."""
+    """Validate a plain dataclass of the controllers, and nested ones, as strictly as the models here."""
     with_config(STRICT)(settings)
     for field in dataclasses.fields(settings):
         if isinstance(field.type, type) and dataclasses.is_dataclass(field.type):
             _refuse_unknown_keys(field.type)
 
 
-# The controllers know nothing of pydantic, so what it needs to know of their settings is said here.
+# The controllers do not depend on pydantic, so their settings are configured for it here.
 _refuse_unknown_keys(PlannerSettings)
 _refuse_unknown_keys(TrackerSettings)
 
 
 class Scenario(BaseModel):
-    """One run, complete: the same scenario gives the same frames.
+    """The complete input of a run: the same scenario gives the same frames.
 
     Attributes:
-        buses: where the buses are, by name (`v2v`, `veh1` ...) or `all`, as after `--can`, which takes precedence.
-        on_ecu_failure: what becomes of a run in which an ECU ends or falls silent that no fault has told to.
+        buses: place of each bus, by name (`v2v`, `veh1` ...) or `all`, as for `--can`, which takes precedence.
+        on_ecu_failure: whether the run ends or continues if an ECU exits or falls silent without a fault.
     """
 
     model_config = STRICT
@@ -142,17 +142,17 @@ class Scenario(BaseModel):
 
     @property
     def cycles(self) -> int:
-        """How many cycles of 10 ms the run has."""
+        """Number of 10 ms cycles of the run."""
         return round(self.duration_s / CYCLE_S)
 
     def road_of(self, vehicle: int) -> Road:
-        """Return what acts on vehicle number `vehicle` (from 1): the road with that vehicle's own values."""
+        """Return the road for vehicle number `vehicle` (from 1), with the values specific to that vehicle."""
         own = self.vehicles[vehicle - 1].road or VehicleRoad()
         changes = {key: value for key, value in own if value is not None}
         return self.road.model_copy(update=changes)
 
     def toml(self) -> str:
-        """Return the whole scenario, defaults included, as TOML that `load` reads back to an equal one."""
+        """Return the complete scenario, including defaults, as TOML that `load` reads back to an equal scenario."""
         return tomli_w.dumps(self.model_dump(exclude_none=True))
 
     @model_validator(mode="after")
@@ -180,17 +180,17 @@ class Scenario(BaseModel):
             distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
             if distance < LEAST_START_DISTANCE_M:
                 text = (
-                    f"(vehicle {j + 1}) starts {distance:.2f} m from vehicle {i + 1}: two vehicles in one"
-                    f" place; allowed: at least {LEAST_START_DISTANCE_M:g} m between centres"
+                    f"(vehicle {j + 1}) starts {distance:.2f} m from vehicle {i + 1};"
+                    f" allowed: at least {LEAST_START_DISTANCE_M:g} m between centres"
                 )
                 problems.append((("vehicles", j), text))
         return problems
 
     def _fault_problems(self) -> list[Problem]:
-        """Return what is wrong with the targets of faults."""
+        """Return the problems with the targets of faults."""
         if not self.faults:
             return []
-        # Only faults need the DBC files, which take a while to read.
+        # Only faults need the DBC files, which are slow to read.
         from bench.scenario.fault_targets import target_problems
 
         return [
@@ -201,14 +201,14 @@ class Scenario(BaseModel):
 
     @property
     def bus_texts(self) -> list[str]:
-        """The places of the buses as they are typed after `--can`."""
+        """The places of the buses in the syntax of `--can`."""
         return [place if bus == "all" else f"{bus}={place}" for bus, place in self.buses.items()]
 
     def _bus_problems(self) -> list[Problem]:
-        """Return what is wrong with the places of the buses."""
+        """Return the problems with the places of the buses."""
         if not self.buses:
             return []
-        # Only places need python-can, which takes a while to import.
+        # Only places need python-can, which is slow to import.
         from bench.bus.link.address import Address
 
         try:
@@ -218,7 +218,7 @@ class Scenario(BaseModel):
         return []
 
     def _planner_problems(self) -> list[Problem]:
-        """Return what the planner would refuse, by the planner's own rules."""
+        """Return what the planner would reject, by its own rules."""
         problems: list[Problem] = []
         low, high = self.planner.speed_min_mps, self.planner.speed_max_mps
         if low > high:

@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE`: one value of a scenario replaced from the command line."""
+"""`--set KEY=VALUE`: replace one value of a scenario from the command line."""
 
 import re
 import tomllib
@@ -9,17 +9,17 @@ from bench.errors import BadInput
 
 
 def put(document: dict[str, Any], override: str) -> tuple[str | int, ...]:
-    """Put one `KEY=VALUE` into a TOML document and return the key's path.
+    """Apply one `KEY=VALUE` to a TOML document and return the path of the key.
 
     Raises:
-        BadInput: for what is no `KEY=VALUE`, no TOML value, or a key inside something that cannot hold it.
-            Whether a scenario has the key and allows the value is for validation to tell.
+        BadInput: not `KEY=VALUE`, not a TOML value, or a key inside a value that cannot contain it. Validation checks
+            later whether a scenario has the key and allows the value.
     """
     key, equals, value = override.partition("=")
     dotted = re.sub(r"\[(\d+)\]", r".\1", key.strip())
     parts = [int(part) if part.isdigit() else part for part in dotted.split(".")]
     if not equals or not all(isinstance(part, int) or re.fullmatch(r"[A-Za-z_]\w*", part) for part in parts):
-        raise BadInput(f"--set {override}: want KEY=VALUE, for example --set platoon.gap_m=12.0")
+        raise BadInput(f"--set {override}: expected KEY=VALUE, e.g. --set platoon.gap_m=12.0")
     node: Any = document
     for depth, part in enumerate(parts[:-1]):
         node = _child(node, part, override, parts[:depth])
@@ -35,7 +35,7 @@ def put(document: dict[str, Any], override: str) -> tuple[str | int, ...]:
 
 
 def _child(node: Any, part: str | int, override: str, path: Sequence[str | int]) -> Any:
-    """Return what `part` names inside `node`; a table that is not there yet is made."""
+    """Return the value at `part` of `node`; create a missing table."""
     if isinstance(node, dict) and isinstance(part, str):
         return node.setdefault(part, {})
     if isinstance(node, list) and isinstance(part, int):
@@ -50,14 +50,14 @@ def _cannot_hold(node: Any, part: str | int, override: str, path: Sequence[str |
     kinds: dict[type, str] = {dict: "a table", list: "a list (give an index)"}
     kind = kinds.get(type(node), f"the value {node!r}")
     holder = ".".join(map(str, path)) or "a scenario"
-    return f"--set {override}: {holder} is {kind} and cannot hold {part!r}"
+    return f"--set {override}: {holder} is {kind} and cannot contain {part!r}"
 
 
 def _value(text: str, override: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError) as error:
-        # A shell takes the quotes off, so a bare word is text.
+        # A shell removes quotes, so a bare word is a string.
         if re.fullmatch(r"[A-Za-z][\w.-]*", text):
             return text
-        raise BadInput(f"--set {override}: {text!r} is no TOML value ({error})") from error
+        raise BadInput(f"--set {override}: {text!r} is not a TOML value ({error})") from error

@@ -106,7 +106,7 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--set", "platoon.gapm=9"], "did you mean platoon.gap_m?"),
         (["--set", "vehicles.1.x_m=8.0", "--set", "vehicles.1.y_m=0.0"], "(vehicle 2) starts 0.00 m from vehicle 1"),
         (["--set", "planner.near_identity_length_m=0.1"], "planner.near_identity_length_m is not allowed"),
-        (["--set", "nonsense"], "--set nonsense: want KEY=VALUE"),
+        (["--set", "nonsense"], "--set nonsense: expected KEY=VALUE"),
         (["--seed", "-1"], "seed = -1 is not allowed"),
         (["--seed", "one"], "Invalid value for '--seed': Input should be a valid integer"),
         (["--can", "carrier-pigeon"], "--can carrier-pigeon: not a bus; allowed: udp"),

@@ -82,7 +82,7 @@ def test_a_target_that_does_not_exist_is_named(kind: str) -> None:
         ('{kind = "earthquake", at_s = 1.0}', 'faults.0 has the kind "earthquake"; allowed: one of actuator_stuck, '),
         ("{at_s = 1.0}", "faults.0 has no kind; allowed: one of actuator_stuck"),
         ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", probability = 2.0}', "faults.0.probability = 2.0"),
-        ('{kind = "ice_patch", at_s = 1.0, frction = 0.1}', "faults.0.frction is no key"),
+        ('{kind = "ice_patch", at_s = 1.0, frction = 0.1}', "faults.0.frction is not a scenario key"),
         ('{kind = "ice_patch"}', "faults.0.at_s is missing"),
     ],
 )

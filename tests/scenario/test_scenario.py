@@ -169,14 +169,14 @@ def refusal_of_seed(seed: int) -> str:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("platoon.gap_m", "want KEY=VALUE, for example --set platoon.gap_m=12.0"),
-        ("=3", "want KEY=VALUE"),
-        ("platoon..gap_m=3", "want KEY=VALUE"),
-        ("platoon.gap_m=1 2", "'1 2' is no TOML value"),
+        ("platoon.gap_m", "KEY=VALUE, e.g. --set platoon.gap_m=12.0"),
+        ("=3", "KEY=VALUE"),
+        ("platoon..gap_m=3", "KEY=VALUE"),
+        ("platoon.gap_m=1 2", "'1 2' is not a TOML value"),
         ("vehicles.3.x_m=1", "vehicles has 3 entries; allowed index: 0 to 2"),
-        ("vehicles.x_m=1", "vehicles is a list (give an index) and cannot hold 'x_m'"),
-        ("platoon.gap_m.x=3", "platoon.gap_m is the value 10.0 and cannot hold 'x'"),
-        ("seed=" + "9" * 5000, "is no TOML value"),
+        ("vehicles.x_m=1", "vehicles is a list (give an index) and cannot contain 'x_m'"),
+        ("platoon.gap_m.x=3", "platoon.gap_m is the value 10.0 and cannot contain 'x'"),
+        ("seed=" + "9" * 5000, "is not a TOML value"),
     ],
 )
 def test_a_set_that_fits_nowhere_is_refused(override, message):
@@ -191,10 +191,10 @@ def test_a_set_that_fits_nowhere_is_refused(override, message):
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("platoon.gapm=3", "platoon.gapm is no key of a scenario; did you mean platoon.gap_m?"),
-        ("planner.nonsense=3", "planner.nonsense is no key of a scenario"),
-        ("tracker.nonsense=3", "tracker.nonsense is no key of a scenario"),
-        ("colour=3", "colour is no key of a scenario; allowed: buses, description, duration_s"),
+        ("platoon.gapm=3", "platoon.gapm is not a scenario key; did you mean platoon.gap_m?"),
+        ("planner.nonsense=3", "planner.nonsense is not a scenario key"),
+        ("tracker.nonsense=3", "tracker.nonsense is not a scenario key"),
+        ("colour=3", "colour is not a scenario key; allowed: buses, description, duration_s"),
         (
             "platoon.gap_m=-10.0",
             "platoon.gap_m = -10.0 is not allowed; allowed: a finite number from 5 to 100",
@@ -238,7 +238,7 @@ def test_a_set_that_fits_nowhere_is_refused(override, message):
         ("planner.genetic.ga=[3.0, 0.5]", "planner.genetic.ga = [3.0, 0.5] must be [lower, upper]"),
         (
             "planner.genetic.popultion=9",
-            "planner.genetic.popultion is no key of a scenario; did you mean planner.genetic.pop",
+            "planner.genetic.popultion is not a scenario key; did you mean planner.genetic.pop",
         ),
         ("vehicles.0.road.mu=9", "vehicles.0.road.mu is 9; allowed: 0.05 to 1.5 at all times"),
     ],
@@ -274,7 +274,7 @@ def test_several_errors_are_told_at_once_each_with_its_line(write):
     text = SMALL.replace("lane_y_m", "lane_ym").replace("speed_mps = 20.0", 'speed_mps = "fast"')
     refused = refusal(scenario=write(text))
     assert "has 4 errors:" in refused
-    assert "line 4: platoon.lane_ym is no key of a scenario; did you mean platoon.lane_y_m?" in refused
+    assert "line 4: platoon.lane_ym is not a scenario key; did you mean platoon.lane_y_m?" in refused
     assert "line 3: platoon.lane_y_m is missing" in refused
     assert 'line 9: vehicles.0.speed_mps = "fast" is not allowed' in refused
     assert 'line 14: vehicles.1.speed_mps = "fast" is not allowed' in refused
@@ -312,9 +312,9 @@ mu = 0.5
 
 def test_a_file_that_is_no_toml_is_refused_by_line(write):
     path = write("seed = 1\nseed = \n")
-    assert f"{path} is no TOML: Invalid value (at line 2, column 8)" in refusal(scenario=path)
+    assert f"{path} is not TOML: Invalid value (at line 2, column 8)" in refusal(scenario=path)
     path.write_bytes(b'name = "\xff"')
-    assert f"{path} is no TOML: not UTF-8 text (byte 8)." in refusal(scenario=path)
+    assert f"{path} is not TOML: not UTF-8 text (byte 8)." in refusal(scenario=path)
 
 
 def test_an_unknown_scenario_is_refused_with_the_shipped_ones(tmp_path):
