@@ -1,4 +1,4 @@
-"""The cycle of the bench: sensors, references and commands are exchanged once in it."""
+"""The cycle of the bench, in which sensors, references and commands are exchanged once."""
 
 CYCLE_MS = 10
 """Length of a cycle in simulated ms."""

@@ -1,8 +1,8 @@
-"""The bench's errors: what the command line turns into one message and an exit code."""
+"""The bench's errors, which the command line turns into one message and an exit code."""
 
 
 class BenchError(Exception):
-    """Base of all errors a user can cause or meet; its text is shown as it stands.
+    """Base of all errors shown to a user; its text is shown unchanged.
 
     Attributes:
         exit_code: the exit code of `platoon` when this error ends it.
@@ -12,12 +12,12 @@ class BenchError(Exception):
 
 
 class RunFailed(BenchError):
-    """A run started and did not end as it should (an ECU died, a bus fell silent)."""
+    """A run started and failed (an ECU died, a bus fell silent)."""
 
     exit_code = 1
 
 
 class BadInput(BenchError):
-    """What the user gave cannot be used; nothing was started and nothing written."""
+    """Invalid input; nothing was started or written."""
 
     exit_code = 2

@@ -1,8 +1,8 @@
-"""What can happen in a run: every kind of event, with its named fields, its level, its source and its text for people.
+"""The events of a run: each kind with its named fields, level, source and text for people.
 
 A log has kind and fields for programs (`platoon.Event` on the topic `/events/data`) and the text for people
-(`foxglove.Log` on `/events`). The text is made here, from the fields, and no program reads it. Logs are kept: a kind
-that has been recorded keeps its name and its fields their meaning. To add a kind, add its class.
+(`foxglove.Log` on `/events`). The text is generated here from the fields, and no program reads it. Old logs must stay
+readable: a recorded kind keeps its name, and its fields keep their meaning. To add a kind, add its class.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from typing import Any, ClassVar, Literal, Protocol
 Level = Literal["debug", "info", "warning", "error", "fatal"]
 
 CONDUCTOR, FAULT, BUS = "conductor", "fault", "bus"
-"""Sources that are no node and no bus of the run: who conducts it, its faults, what is said of its buses beforehand."""
+"""Sources that are neither node nor bus of the run: the conductor, the faults, the bus analysis before the run."""
 
 OTHER = "other"
-"""The kind of an event that an older log has and whose text says nothing known: no fields."""
+"""The kind of an event in an older log whose text is not recognised: no fields."""
 
 
 class Event(Protocol):
-    """What the log takes: one of the kinds below, or an event read from another log."""
+    """An event for the log: one of the kinds below, or one read from another log."""
 
     @property
     def kind(self) -> str:
@@ -31,24 +31,24 @@ class Event(Protocol):
 
     @property
     def level(self) -> str:
-        """How grave it is, one of `Level`."""
+        """Severity, one of `Level`."""
 
     @property
     def source(self) -> str:
-        """Who says so: an ECU or another process, `veh1.actuators`, a bus, `conductor`, `fault`."""
+        """Source of the event: an ECU or another process, `veh1.actuators`, a bus, `conductor`, `fault`."""
 
     @property
     def text(self) -> str:
-        """The event in words."""
+        """Text of the event."""
 
     @property
     def fields(self) -> Mapping[str, Any]:
-        """What the kind has beside, by name, as values that JSON takes."""
+        """The fields of the kind, by name, as JSON values."""
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What all kinds have.
+    """Base class of all kinds.
 
     Attributes:
         kind: name of the kind.
@@ -64,11 +64,11 @@ class _Kind:
 
 @dataclass(frozen=True)
 class _OfFault(_Kind):
-    """What all events of a fault have.
+    """Base class of all events of a fault.
 
     Attributes:
-        fault: its kind, as in a scenario.
-        parameters: what a scenario gives of it beside kind, `at_s` and `for_s`.
+        fault: kind of the fault, as in a scenario.
+        parameters: its parameters in a scenario, without kind, `at_s` and `for_s`.
     """
 
     level: ClassVar[Level] = "warning"
@@ -83,10 +83,10 @@ class _OfFault(_Kind):
 
 @dataclass(frozen=True)
 class FaultBegins(_OfFault):
-    """A fault takes hold.
+    """A fault begins.
 
     Attributes:
-        until_s: simulated time in s at which it ends; None where it lasts to the end of the run.
+        until_s: simulated time in s at which it ends; None if it lasts to the end of the run.
     """
 
     kind: ClassVar[str] = "fault_begins"
@@ -101,7 +101,7 @@ class FaultBegins(_OfFault):
 
 @dataclass(frozen=True)
 class FaultEnds(_OfFault):
-    """A fault is over."""
+    """A fault ends."""
 
     kind: ClassVar[str] = "fault_ends"
 
@@ -113,10 +113,10 @@ class FaultEnds(_OfFault):
 
 @dataclass(frozen=True)
 class FaultRequested(_Kind):
-    """A person has brought a fault to the running bench.
+    """A person has injected a fault into the running bench.
 
     Attributes:
-        fault: all of it, as a scenario would have it.
+        fault: its complete table, as in a scenario.
     """
 
     kind: ClassVar[str] = "fault_requested"
@@ -132,14 +132,14 @@ class FaultRequested(_Kind):
 
 @dataclass(frozen=True)
 class StateChange(_Kind):
-    """An ECU or the actuators of a vehicle go from one state to another; states in small letters.
+    """An ECU or the actuators of a vehicle change state; states in lower case.
 
     Attributes:
-        level: info where the state after is no reason to worry, else warning.
-        source: whose state it is: veh1.planner, veh1.actuators.
-        before: the state until then.
-        after: the state from then on.
-        cause: why, as the DBC's value table names it; empty for no cause.
+        level: info if the new state is normal, else warning.
+        source: owner of the state, e.g. veh1.planner, veh1.actuators.
+        before: the old state.
+        after: the new state.
+        cause: the cause by the DBC's value table; empty if none.
     """
 
     kind: ClassVar[str] = "state_change"
@@ -157,7 +157,7 @@ class StateChange(_Kind):
 
 @dataclass(frozen=True)
 class EcuFailed(_Kind):
-    """ECUs have ended or fallen silent that no fault had told to, and the run goes on without them.
+    """ECUs have ended or fallen silent without a fault that causes it; the run continues without them.
 
     Attributes:
         ecus: their names.
@@ -178,13 +178,13 @@ class EcuFailed(_Kind):
 
 @dataclass(frozen=True)
 class ReceptionErrors(_Kind):
-    """A node's counts of frames that it has lost or refused have changed.
+    """A node's counts of lost or rejected frames have changed.
 
     Attributes:
-        source: the bus it says so on.
-        message: its health message, as the DBC names it.
-        frames_lost: frames that it has lost in the run.
-        e2e_errors: frames that it has refused in the run.
+        source: the bus of the node's health message.
+        message: name of the health message in the DBC.
+        frames_lost: number of frames it has lost in the run.
+        e2e_errors: number of frames it has rejected in the run.
     """
 
     kind: ClassVar[str] = "reception_errors"
@@ -202,10 +202,10 @@ class ReceptionErrors(_Kind):
 
 @dataclass(frozen=True)
 class StrayFrame(_Kind):
-    """A frame has come that is not due in its cycle, or twice; noted once a run for each bus and identifier.
+    """A frame arrived that is not due in its cycle, or arrived twice; recorded once per run, bus and identifier.
 
     Attributes:
-        bus: the bus it came on.
+        bus: the bus of the frame.
         can_id: its identifier.
     """
 
@@ -223,11 +223,11 @@ class StrayFrame(_Kind):
 
 @dataclass(frozen=True)
 class ProcessOutput(_Kind):
-    """A process has written something to its standard output or error.
+    """A process has written to its standard output or error.
 
     Attributes:
         source: the process.
-        output: what it has written.
+        output: the text written.
     """
 
     kind: ClassVar[str] = "process_output"
@@ -243,11 +243,11 @@ class ProcessOutput(_Kind):
 
 @dataclass(frozen=True)
 class DeadlineMissed(_Kind):
-    """In real time: a node has missed the end of a cycle, after one that it met.
+    """In real time: a node has missed the end of a cycle after meeting the one before.
 
     Attributes:
         source: the node: an ECU, or the plant on one bus (veh1.plant).
-        late_ms: how late it was, ms; None where nothing has come of it.
+        late_ms: its lateness, ms; None if it sent nothing.
     """
 
     kind: ClassVar[str] = "deadline_missed"
@@ -264,11 +264,11 @@ class DeadlineMissed(_Kind):
 
 @dataclass(frozen=True)
 class DeadlineMet(_Kind):
-    """In real time: a node is in time again.
+    """In real time: a node meets its deadlines again.
 
     Attributes:
         source: the node, as of `DeadlineMissed`.
-        missed: how many deadlines in a row it has missed before.
+        missed: number of consecutive deadlines missed before.
     """
 
     kind: ClassVar[str] = "deadline_met"
@@ -284,15 +284,15 @@ class DeadlineMet(_Kind):
 
 @dataclass(frozen=True)
 class ResponseBeyondPeriod(_Kind):
-    """Before the run: in the worst case a message takes longer than its period.
+    """Before the run: the worst-case response time of a message exceeds its period.
 
     Attributes:
-        bus: the bus it is on.
+        bus: the bus of the message.
         message: its name in the DBC.
         can_id: its identifier.
-        response_ms: its worst-case response time, ms; None where it has no bound.
+        response_ms: its worst-case response time, ms; None if unbounded.
         period_ms: its period, ms.
-        bit_rate: of the bus, bit/s.
+        bit_rate: bit rate of the bus, bit/s.
     """
 
     kind: ClassVar[str] = "response_beyond_period"
@@ -317,13 +317,13 @@ class ResponseBeyondPeriod(_Kind):
 
 @dataclass(frozen=True)
 class Scheduling(_Kind):
-    """In real time: what the kernel has granted the processes.
+    """In real time: the scheduling that the kernel has granted to the processes.
 
     Attributes:
-        fifo: whether all have SCHED_FIFO.
-        own_cores: whether each is on a core of its own.
-        processes: how many there are; None where an old log does not tell.
-        cores: how many cores they may use; likewise.
+        fifo: whether all processes have SCHED_FIFO.
+        own_cores: whether each process has a core to itself.
+        processes: number of processes; None in old logs without it.
+        cores: number of cores they may use; likewise.
     """
 
     kind: ClassVar[str] = "scheduling"
@@ -349,10 +349,10 @@ class Scheduling(_Kind):
 
 @dataclass(frozen=True)
 class StolenTime(_Kind):
-    """In real time: the host of this virtual machine has given others its processors during the run.
+    """In real time: during the run the host of this virtual machine has given its processors to others.
 
     Attributes:
-        stolen_s: processor time taken from it, s.
+        stolen_s: processor time taken from the virtual machine, s.
     """
 
     kind: ClassVar[str] = "stolen_time"
@@ -368,11 +368,11 @@ class StolenTime(_Kind):
 
 @dataclass(frozen=True)
 class RunEnded(_Kind):
-    """The run has ended before its time.
+    """The run has ended prematurely.
 
     Attributes:
         status: failed or interrupted.
-        reason: why.
+        reason: the reason.
     """
 
     kind: ClassVar[str] = "run_ended"

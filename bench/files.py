@@ -1,4 +1,4 @@
-"""Files that commands read and write: refused before any work is done for them, and never left half written."""
+"""Files that commands read and write: checked before any work is done, and never left half written."""
 
 import os
 from collections.abc import Iterator
@@ -9,10 +9,10 @@ from bench.errors import BadInput
 
 
 def readable_log(log: Path) -> Path:
-    """Return the log, refusing what is no file to read.
+    """Return the log's path if it is a readable file.
 
     Raises:
-        BadInput: no such file, no regular one, or no permission.
+        BadInput: no such file, not a regular file, or no permission.
     """
     if not log.is_file():
         what = "a directory" if log.is_dir() else "not a regular file" if log.exists() else "not there"
@@ -23,38 +23,38 @@ def readable_log(log: Path) -> Path:
 
 
 def check_suffix(target: Path, suffix: str) -> None:
-    """Refuse a file name that says something else than what is to be written.
+    """Check the suffix of a file to be written.
 
     Raises:
         BadInput: it does not end in `suffix`.
     """
     if target.suffix.lower() != suffix:
-        raise BadInput(f"{target}: want a name that ends in {suffix}")
+        raise BadInput(f"{target}: give a name that ends in {suffix}")
 
 
 def check_directory(target: Path) -> None:
-    """Refuse a file that could not be written because of its directory.
+    """Check that a file's directory exists and is writable.
 
     Raises:
         BadInput: its directory is missing or read-only.
     """
     directory = target.parent
     if not directory.is_dir():
-        raise BadInput(f"{target}: there is no directory {directory}; make it with: mkdir -p {directory}")
+        raise BadInput(f"{target}: there is no directory {directory}; create it with: mkdir -p {directory}")
     if not os.access(directory, os.W_OK | os.X_OK):
-        raise BadInput(f"{target}: the directory {directory} cannot be written to")
+        raise BadInput(f"{target}: the directory {directory} is not writable")
 
 
 def check_new(target: Path, suffix: str, *, option: str = "-o") -> None:
-    """Refuse a file that could not be made, or would be written over another.
+    """Check that a file can be created and does not exist yet.
 
     Args:
         target: the file.
-        suffix: how its name must end.
-        option: of the command, to give another name with.
+        suffix: required suffix of its name.
+        option: the command's option for another name.
 
     Raises:
-        BadInput: another suffix, no directory that can be written to, or something is there already.
+        BadInput: wrong suffix, no writable directory, or it already exists.
     """
     check_suffix(target, suffix)
     check_directory(target)
@@ -63,11 +63,11 @@ def check_new(target: Path, suffix: str, *, option: str = "-o") -> None:
 
 
 def check_report(target: Path) -> None:
-    """Refuse a place for a report; an older report there may be written over.
+    """Check the path of a report; it may overwrite an older report.
 
     Raises:
-        BadInput: it is a directory, has another suffix (so that no log or FMU is ever written over), or its
-            directory is missing or read-only.
+        BadInput: it is a directory, has another suffix (so that no log or FMU is overwritten), or its directory is
+            missing or read-only.
     """
     if target.is_dir():
         raise BadInput(f"{target} is a directory; give a file: -o {target}/report.html")
@@ -77,12 +77,12 @@ def check_report(target: Path) -> None:
 
 @contextmanager
 def written_aside(target: Path) -> Iterator[Path]:
-    """Give the name to write to; it becomes `target` when all went well, so that no half of a file is ever there.
+    """Yield a temporary path to write to, renamed to `target` on success, so that no half-written file is left.
 
     Raises:
         BadInput: the file cannot be written.
     """
-    # The suffix stays: asammdf goes by it.
+    # The suffix stays: asammdf depends on it.
     aside = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         yield aside
@@ -94,7 +94,7 @@ def written_aside(target: Path) -> Iterator[Path]:
 
 
 def write_text(target: Path, text: str) -> None:
-    """Write a text file, over what is there.
+    """Write a text file; overwrite an existing one.
 
     Raises:
         BadInput: the file cannot be written.

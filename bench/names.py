@@ -1,10 +1,10 @@
-"""What the buses and processes are called, and how a node's name tells its vehicle."""
+"""Names of buses and processes, and the vehicle of a node's name."""
 
 CONDUCTOR = "conductor"
-"""Name of the process that owns the clock and records."""
+"""Name of the process that owns the clock and writes the log."""
 
 PLANT = "plant"
-"""Name of the process that all vehicles' FMUs run in."""
+"""Name of the process that runs all vehicles' FMUs."""
 
 V2V = "v2v"
 """Name of the radio between the vehicles; vehicle i's own bus is `veh<i>`."""
@@ -16,6 +16,6 @@ def vehicle_bus(vehicle: int) -> str:
 
 
 def vehicle_of(name: str) -> int | None:
-    """Number of the vehicle whose bus or process `name` is (veh3, veh3.planner), None where it is no vehicle's."""
+    """Number of the vehicle of a bus or process (veh3, veh3.planner), None if it belongs to no vehicle."""
     number = name.partition(".")[0].removeprefix("veh")
     return int(number) if name.startswith("veh") and number.isdecimal() else None

@@ -1,1 +1,1 @@
-"""What can go wrong in a run: the kinds of faults, and the plan that tells each node which are at work in a cycle."""
+"""Fault injection: the kinds of faults, and the plan from which each node gets the faults active in a cycle."""

@@ -1,9 +1,9 @@
-"""What every kind of fault has, and what it can do: the hooks through which the bench asks it.
+"""The base class of all kinds of faults, with the hooks that the bench calls.
 
-A kind is one class in one of this package's files. It overrides the hooks of what it does and inherits that nothing
-happens for all others. A fault is frozen; what it has to remember from frame to frame is kept by whoever asks it, in
-the `memory` that comes with each question. Whatever is random is drawn from `FrameContext.dice`, which depends on
-nothing but the scenario's seed, the fault and the frame: so every process of a bench finds the same.
+A kind is one class in one of this package's files. It overrides the hooks for its effects; the inherited hooks have
+none. A fault is frozen; the caller keeps its state between frames in the `memory` passed to each hook. All random
+numbers come from `FrameContext.dice`, which depends only on the scenario's seed, the fault and the frame: so all
+processes of a bench draw the same.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -23,25 +23,25 @@ VehicleNumber = Annotated[int, Field(ge=1, le=16)]
 Probability = Annotated[float, Field(gt=0, le=1)]
 
 Memory = dict[str, Any]
-"""What a fault remembers of one message or one vehicle; empty when it begins."""
+"""State of a fault for one message or one vehicle; empty when the fault begins."""
 
 Problem = tuple[tuple[str, ...], str]
-"""Path of a key of a fault, and what is wrong with its value."""
+"""Path of a fault's key, and the problem with its value."""
 
 
 class Bench(Protocol):
-    """What a fault's target is checked against."""
+    """The bench against which a fault's target is checked."""
 
     @property
     def vehicles(self) -> int:
-        """How many vehicles there are."""
+        """Number of vehicles."""
 
     @property
     def buses(self) -> Sequence[str]:
         """Names of all buses."""
 
     def senders(self, bus: str) -> Mapping[str, str]:
-        """Return which process sends each message on a bus, by the message's name, without the conductor's."""
+        """Return the process that sends each message on a bus, by message name; without the conductor's messages."""
 
     def signals(self, bus: str, message: str) -> Sequence[str]:
         """Return the names of a message's signals, without CRC and counter."""
@@ -52,14 +52,14 @@ class Bench(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FrameContext:
-    """A frame that a fault is asked about.
+    """The frame to which a fault applies.
 
     Attributes:
-        bus: the bus it goes to.
+        bus: the bus it is sent to.
         can_id: its identifier.
         cycle: the cycle it is sent in.
         first: the cycle in which the fault began.
-        dice: returns a new source of chance, which always gives the same numbers for this fault and frame.
+        dice: returns a new random generator, always with the same numbers for this fault and frame.
     """
 
     bus: str
@@ -70,11 +70,11 @@ class FrameContext:
 
 
 class Passage(NamedTuple):
-    """How a frame gets to the bus.
+    """How a frame is sent.
 
     Attributes:
-        late: how many cycles late; None where it does not go out, or only behind a later one.
-        behind: frames that go out right behind it.
+        late: delay in cycles; None if it is not sent, or only after a later one.
+        behind: frames sent directly after it.
     """
 
     late: int | None = 0
@@ -86,7 +86,7 @@ LOST = Passage(late=None)
 
 
 class Condition(IntEnum):
-    """What state an ECU's process is in; of several that faults want, the greatest holds."""
+    """State of an ECU's process; if several faults demand one, the greatest holds."""
 
     RUNNING = 0
     STOPPED = 1
@@ -94,18 +94,18 @@ class Condition(IntEnum):
 
 
 class Outage(NamedTuple):
-    """An ECU whose process does not run, and in what condition it is instead."""
+    """An ECU whose process is not running, and its condition."""
 
     ecu: str
     condition: Condition
 
 
 class Fault(BaseModel):
-    """What all faults have.
+    """Base class of all faults.
 
     Attributes:
-        at_s: simulated time at which it begins (s); it takes hold with the cycle that begins then.
-        for_s: how long it lasts (s); to the end of the run where it is None.
+        at_s: simulated time at which it begins (s); active from the cycle that begins then.
+        for_s: duration (s); None until the end of the run.
     """
 
     model_config = STRICT
@@ -115,88 +115,88 @@ class Fault(BaseModel):
 
     @classmethod
     def name(cls) -> str:
-        """Return what the kind is called."""
+        """Return the name of the kind."""
         return str(cls.model_fields["kind"].default)
 
     def parameters(self) -> dict[str, Any]:
-        """Return what is given of it beside its kind and its time."""
+        """Return its parameters, without kind and time."""
         return self.model_dump(exclude_none=True, exclude={"kind", "at_s", "for_s"})
 
     def problems(self, bench: Bench) -> list[Problem]:
-        """Return what is wrong with its target on a bench; empty where all is well."""
+        """Return the problems of its target on a bench; empty if there are none."""
         return []
 
     def hits(self, bus: str, message: str) -> bool:
-        """Return whether it is done to the frames of this message."""
+        """Return whether it applies to the frames of this message."""
         return False
 
     def on_values(self, values: dict[str, float], frame: FrameContext, memory: Memory) -> None:
-        """Change the values that a message is sent with, by signal; CRC and counter will be good."""
+        """Change the values of a message to be sent, by signal; CRC and counter will be valid."""
 
     def counter(self, frame: FrameContext) -> int | None:
-        """Return the cycle whose alive counter the frame carries, under a good CRC; None where it keeps its own."""
+        """Return the cycle whose alive counter the frame carries, with a valid CRC; None to keep its own."""
         return None
 
     def on_bytes(self, data: bytes, frame: FrameContext) -> bytes:
-        """Return what the frame's bytes become after its CRC was made."""
+        """Return the frame's bytes, changed after the CRC was computed."""
         return data
 
     def passage(self, data: bytes, frame: FrameContext, memory: Memory) -> Passage:
-        """Return how the frame gets to the bus."""
+        """Return how the frame is sent."""
         return ON_TIME
 
     def extra(self, frame: FrameContext) -> int:
-        """Return how many frames of the message the cycle brings beyond the one that is due, after that."""
+        """Return the number of frames of the message sent in the cycle in addition to the due one, after it."""
         return 0
 
     def cuts(self, node: str, bus: str) -> bool:
-        """Return whether the node takes no part on a bus, neither sending nor receiving."""
+        """Return whether the node is cut off from a bus, neither sending nor receiving."""
         return False
 
     def identifiers(self, node: str) -> tuple[tuple[str, int], ...]:
-        """Return bus and identifier of the frames of its own that it makes the node send."""
+        """Return bus and identifier of the additional frames that it makes the node send."""
         return ()
 
     def payloads(self, dice: Random) -> list[bytes]:
-        """Return the data of the frames that it makes a node send in a cycle with one of `identifiers`."""
+        """Return the data of the additional frames that a node sends in a cycle with one of `identifiers`."""
         return []
 
     def starved(self, bus: str, can_ids: Sequence[int], room: int) -> frozenset[int]:
-        """Return which identifiers of a bus find no room in a cycle, which has `room` frames of the greatest length."""
+        """Return the identifiers that do not fit on a bus in a cycle with room for `room` frames of maximum length."""
         return frozenset()
 
     @property
     def outage(self) -> Outage | None:
-        """What it does to an ECU's process; None where it does nothing."""
+        """Its effect on an ECU's process; None if it has none."""
         return None
 
     def on_actuators(self, vehicle: int, before: Mapping[str, float], memory: Memory) -> dict[str, float]:
-        """Return what actuators of a vehicle apply, whatever they are commanded.
+        """Return the values that actuators of a vehicle apply regardless of commands.
 
         Args:
             vehicle: its number.
-            before: what they applied in the cycle before: `steering_angle` in rad, `torque_fl` ... in N m.
-            memory: what the fault remembers of this vehicle.
+            before: values applied in the cycle before: `steering_angle` in rad, `torque_fl` ... in N m.
+            memory: state of the fault for this vehicle.
         """
         return {}
 
     def on_vehicle(self, vehicle: int) -> dict[str, float]:
-        """Return the inputs of a vehicle's FMU that it sets, by name."""
+        """Return the FMU inputs of a vehicle that it sets, by name."""
         return {}
 
 
 class Window:
-    """In which cycles a fault is at work: from `first` to before `end`, which is None where it never ends."""
+    """The cycles in which a fault is active: `first` up to, excluding, `end`; None if it never ends."""
 
     __slots__ = ("end", "first")
 
     def __init__(self, fault: Fault, cycle_s: float) -> None:
-        """Find the cycles of `cycle_s` s in which `fault` is at work; it lasts at least one."""
+        """Return the cycles of `cycle_s` s in which `fault` is active, at least one."""
         self.first = round(fault.at_s / cycle_s)
         self.end = None if fault.for_s is None else max(self.first + 1, round((fault.at_s + fault.for_s) / cycle_s))
 
     def __contains__(self, cycle: int) -> bool:
-        """Whether the fault is at work in a cycle."""
+        """Whether the fault is active in a cycle."""
         return self.first <= cycle and (self.end is None or cycle < self.end)
 
 

@@ -1,4 +1,4 @@
-"""Faults of frames on their way: lost, late, doubled, swapped, corrupted, or with a counter that does not count."""
+"""Faults of frames in transmission: lost, late, duplicated, swapped, corrupted, or with a stuck counter."""
 
 from collections.abc import Sequence
 from random import Random
@@ -24,11 +24,11 @@ Chance = Annotated[float, Field(ge=0, le=1)]
 
 
 class FrameFault(Fault):
-    """A fault of the frames of one message, or of all messages on a bus.
+    """A fault in the frames of one message, or of all messages on a bus.
 
     Attributes:
         bus: v2v or veh<i>.
-        message: name in the DBC; None for every message but the bench's own.
+        message: name in the DBC; None for all messages except the bench's own.
     """
 
     bus: BusName
@@ -46,7 +46,9 @@ class FrameFault(Fault):
             return []
         known = self.messages(bench)
         if self.message not in known:
-            text = f"= {self.message} is nothing on {self.bus} that can have this fault; allowed: {', '.join(known)}"
+            text = (
+                f"= {self.message} is not a message on {self.bus} that can have this fault; allowed: {', '.join(known)}"
+            )
             return [(("message",), text)]
         return self.message_problems(self.message, bench)
 
@@ -55,18 +57,18 @@ class FrameFault(Fault):
         return list(bench.senders(self.bus))
 
     def message_problems(self, message: str, bench: Bench) -> list[Problem]:
-        """Return what else is wrong with a target whose `message` can have this fault."""
+        """Return further problems of a target whose `message` can have this fault."""
         return []
 
 
 class GilbertElliott(BaseModel):
-    """Losses that come in bursts: a channel that is good or bad, and changes from frame to frame.
+    """Burst losses (Gilbert-Elliott): a channel that is good or bad, and may change from frame to frame.
 
     Attributes:
-        to_bad: probability that a good channel is bad for the next frame.
-        to_good: probability that a bad channel is good for the next frame; bursts are 1 / to_good frames long.
+        to_bad: probability that a good channel turns bad for the next frame.
+        to_good: probability that a bad channel turns good for the next frame; mean burst length 1 / to_good frames.
         loss_good: probability that a good channel loses a frame.
-        loss_bad: probability that a bad channel does.
+        loss_bad: probability that a bad channel loses a frame.
     """
 
     model_config = STRICT
@@ -85,7 +87,7 @@ class GilbertElliott(BaseModel):
 
 
 class FrameLoss(FrameFault):
-    """Frames are lost: each on its own (Bernoulli), or in bursts where `bursts` is given."""
+    """Frames are lost: independently (Bernoulli), or in bursts if `bursts` is given."""
 
     kind: Literal["frame_loss"] = "frame_loss"
     probability: Probability = 1.0
@@ -99,7 +101,7 @@ class FrameLoss(FrameFault):
 
 
 class FrameDelay(FrameFault):
-    """Frames come `cycles` cycles late, and up to `jitter_cycles` more, evenly distributed."""
+    """Frames arrive `cycles` cycles late, and up to `jitter_cycles` more, uniformly distributed."""
 
     kind: Literal["frame_delay"] = "frame_delay"
     cycles: Annotated[int, Field(ge=0, le=100)] = 1
@@ -111,7 +113,7 @@ class FrameDelay(FrameFault):
 
 
 class FrameDuplicate(FrameFault):
-    """Frames come more than once."""
+    """Frames arrive more than once."""
 
     kind: Literal["frame_duplicate"] = "frame_duplicate"
     copies: Annotated[int, Field(ge=1, le=10)] = 1
@@ -123,7 +125,7 @@ class FrameDuplicate(FrameFault):
 
 
 class FrameReorder(FrameFault):
-    """Every other frame comes after the one that follows it."""
+    """Every other frame arrives after the one that follows it."""
 
     kind: Literal["frame_reorder"] = "frame_reorder"
 
@@ -141,7 +143,7 @@ class FrameReorder(FrameFault):
 
 
 class FrameCorrupt(FrameFault):
-    """Bits of a frame are turned over on the way, after its CRC was made."""
+    """Bits of a frame flip in transmission, after its CRC was computed."""
 
     kind: Literal["frame_corrupt"] = "frame_corrupt"
     bits: Annotated[int, Field(ge=1, le=64)] = 1
@@ -159,7 +161,7 @@ class FrameCorrupt(FrameFault):
 
 
 class CounterStuck(FrameFault):
-    """The alive counter stays where it is, under a good CRC: a sender that has stopped calculating."""
+    """The alive counter is stuck, with a valid CRC: a sender that has stopped computing."""
 
     kind: Literal["counter_stuck"] = "counter_stuck"
     message: str

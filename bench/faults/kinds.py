@@ -1,7 +1,7 @@
-"""All kinds of faults: those that a scenario can bring about, or a person types into a running bench.
+"""All kinds of faults: those of a scenario, or injected into a running bench.
 
-In TOML each is a table of `[[faults]]`: its kind, when it begins (`at_s`), how long it lasts (`for_s`, to the end of
-the run where it is left out), and what it is done to. All that is random in a fault follows from the scenario's seed.
+In TOML each is a table of `[[faults]]`: its kind, start (`at_s`), duration (`for_s`, until the end of the run if
+omitted) and target. All random numbers of a fault follow from the scenario's seed.
 """
 
 import inspect
@@ -14,12 +14,12 @@ from bench.faults import frames, nodes, processes, sensors, vehicles
 from bench.faults.base import Fault
 
 FAMILIES = (frames, sensors, nodes, processes, vehicles)
-"""The modules with kinds of faults: every class in them that has a `kind`."""
+"""The modules with kinds of faults: each class in them that has a `kind`."""
 
 
 @cache
 def kinds() -> dict[str, type[Fault]]:
-    """Return the class of each kind of fault by its name."""
+    """Return the class of each kind of fault by name."""
     classes = [each for family in FAMILIES for each in vars(family).values() if inspect.isclass(each)]
     return {each.name(): each for each in classes if issubclass(each, Fault) and "kind" in each.model_fields}
 
@@ -27,5 +27,5 @@ def kinds() -> dict[str, type[Fault]]:
 if TYPE_CHECKING:
     AnyFault = Fault
 else:
-    # As pydantic reads it: the table's `kind` tells the class.
+    # As pydantic reads it: the table's `kind` selects the class.
     AnyFault = Annotated[Union[tuple(kinds().values())], Field(discriminator="kind")]  # noqa: UP007 - not known before

@@ -1,4 +1,4 @@
-"""Faults of nodes on their buses: one that babbles, one that is off its bus, one without radio."""
+"""Faults of nodes on their buses: babbling idiot, bus off, radio outage."""
 
 from collections.abc import Sequence
 from random import Random
@@ -11,14 +11,14 @@ from bench.names import V2V, vehicle_of
 
 
 class BabblingIdiot(Fault):
-    """A node sends frames of its own without end, which win arbitration against all of lower priority.
+    """A node continuously sends additional frames, which win arbitration against all of lower priority.
 
-    What is left of the bus goes to the other frames in the order of their priority; the rest starves.
+    Other frames share the remaining bus time in the order of their priority; frames that do not fit are lost.
 
     Attributes:
-        node: who babbles; the frames go to the bus of its vehicle.
-        identifier: of its frames; the lower, the higher their priority.
-        frames_per_cycle: how many.
+        node: the babbling node; the frames are sent on the bus of its vehicle.
+        identifier: identifier of its frames; the lower, the higher their priority.
+        frames_per_cycle: number of its frames per cycle.
     """
 
     kind: Literal["babbling_idiot"] = "babbling_idiot"
@@ -44,7 +44,7 @@ class BabblingIdiot(Fault):
         return [dice.randbytes(8) for _ in range(self.frames_per_cycle)]
 
     def starved(self, bus: str, can_ids: Sequence[int], room: int) -> frozenset[int]:
-        """See `Fault`; all messages of a bus are taken to be due in the cycle."""
+        """See `Fault`; assumes that all messages of the bus are due in the cycle."""
         if bus != self.bus:
             return frozenset()
         before = [can_id for can_id in can_ids if can_id <= self.identifier]
@@ -54,7 +54,7 @@ class BabblingIdiot(Fault):
 
 
 class BusOff(Fault):
-    """A node's CAN controller has gone off its vehicle's bus: it neither sends nor receives there."""
+    """A node's CAN controller is bus off on its vehicle's bus: it neither sends nor receives there."""
 
     kind: Literal["bus_off"] = "bus_off"
     node: NodeName
@@ -69,7 +69,7 @@ class BusOff(Fault):
 
 
 class V2VOutage(Fault):
-    """The radio is out: of one vehicle, or of all of them."""
+    """The radio of one vehicle, or of all, is out."""
 
     kind: Literal["v2v_outage"] = "v2v_outage"
     vehicle: VehicleNumber | None = None

@@ -1,7 +1,7 @@
-"""The faults of a run as a node meets them: which are at work in a cycle, and what chance decides in them.
+"""The faults of a run for a node: those active in a cycle, and their random numbers.
 
-All processes of a bench have the same plan and come to the same decisions, as chance follows from the scenario's seed,
-the fault and the frame. Faults typed into a running bench come to all of them over a `FaultBoard`.
+All processes of a bench have the same plan and make the same decisions, because random numbers follow from the
+scenario's seed, the fault and the frame. Faults injected into a running bench reach all of them over a `FaultBoard`.
 """
 
 import json
@@ -20,7 +20,7 @@ from bench.faults.base import Fault, FrameContext, Window
 from bench.faults.kinds import AnyFault
 
 Faults = tuple[tuple[int, Fault], ...]
-"""The faults at work in a cycle, each with its number in the plan."""
+"""The faults active in a cycle, each with its number in the plan."""
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 _HEAD = struct.Struct("<II")
@@ -28,9 +28,10 @@ BOARD_BYTES = 256 * 1024
 
 
 class FaultBoard:
-    """A page of memory that the conductor writes faults on and every process of a bench reads.
+    """A page of shared memory to which the conductor writes faults and which all processes of a bench read.
 
-    The conductor writes before it sends the BenchSync of the cycle a fault begins in, so that nobody can miss one.
+    The conductor writes a fault before it sends the BenchSync of the cycle in which it begins, so that no process
+    misses it.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -39,18 +40,18 @@ class FaultBoard:
 
     @staticmethod
     def create() -> int:
-        """Return the file descriptor of a new, empty board; it is gone with the last process that has it."""
+        """Return the file descriptor of a new, empty board; the last process that has it open frees it."""
         with tempfile.TemporaryFile() as file:
             file.truncate(BOARD_BYTES)
             return os.dup(file.fileno())
 
     @property
     def count(self) -> int:
-        """How many faults are on the board."""
+        """Number of faults on the board."""
         return int(_HEAD.unpack_from(self._memory)[0])
 
     def post(self, fault: Fault) -> None:
-        """Put one more fault on the board.
+        """Add a fault to the board.
 
         Raises:
             ValueError: the board is full.
@@ -71,14 +72,14 @@ class FaultBoard:
 
 
 class FaultPlan:
-    """What is to go wrong, and when.
+    """The faults of a run and their times.
 
     Attributes:
         faults: all faults, in the order they became known.
     """
 
     def __init__(self, faults: Sequence[Fault] = (), seed: int = 0, board: FaultBoard | None = None) -> None:
-        """Plan the `faults` of a scenario of this `seed`, and those that will be posted on `board`."""
+        """Plan the `faults` of a scenario with this `seed`, and those that will be posted on `board`."""
         self._planned = tuple(faults)
         self._seed = seed
         self._board = board
@@ -91,7 +92,7 @@ class FaultPlan:
         self.at = lru_cache(maxsize=4)(self._at)
 
     def refresh(self) -> None:
-        """Take in what has been posted on the board."""
+        """Read new faults from the board."""
         if self._board is not None and self._board.count != self._posted:
             self._posted = self._board.count
             self._set((*self._planned, *self._board.read()))
@@ -104,20 +105,20 @@ class FaultPlan:
         )
 
     def window(self, index: int) -> Window:
-        """Return in which cycles a fault is at work."""
+        """Return the cycles in which a fault is active."""
         return self._windows[index]
 
     def chance(self, index: int, bus: str, can_id: int, cycle: int) -> Random:
-        """Return what chance has in store for a frame in a fault; the same wherever it is asked."""
+        """Return the random generator of a fault for a frame; the same in all processes."""
         return Random(f"{self._seed}/{index}/{bus}/{can_id}/{cycle}")
 
     def context(self, index: int, bus: str, can_id: int, cycle: int) -> FrameContext:
-        """Return a frame of a cycle as the fault number `index` is asked about it."""
+        """Return the context of a frame for fault number `index`."""
         dice = partial(self.chance, index, bus, can_id, cycle)
         return FrameContext(bus, can_id, cycle, self._windows[index].first, dice)
 
     def extra(self, bus: str, message: str, can_id: int, cycle: int) -> int:
-        """Return how many frames of a message a cycle brings beyond the one that is due, after that."""
+        """Return the number of frames of a message sent in a cycle in addition to the due one, after it."""
         return sum(
             fault.extra(self.context(index, bus, can_id, cycle))
             for index, fault in self.at(cycle)
@@ -126,5 +127,5 @@ class FaultPlan:
 
 
 def is_off(node: str, bus: str, faults: Faults) -> bool:
-    """Return whether a node takes no part on a bus, neither sending nor receiving."""
+    """Return whether a node is cut off from a bus, neither sending nor receiving."""
     return any(fault.cuts(node, bus) for _, fault in faults)

@@ -6,7 +6,7 @@ from bench.faults.base import Bench, Condition, EcuName, Fault, Outage, Problem,
 
 
 class EcuCrash(Fault):
-    """An ECU's process is killed; after `for_s` it is started anew and joins the run under way."""
+    """An ECU's process is killed; after `for_s` it is restarted and joins the running bench."""
 
     kind: Literal["ecu_crash"] = "ecu_crash"
     ecu: EcuName
@@ -22,7 +22,7 @@ class EcuCrash(Fault):
 
 
 class EcuHang(Fault):
-    """An ECU's process is stopped where it is; after `for_s` it goes on from there."""
+    """An ECU's process is stopped; after `for_s` it continues."""
 
     kind: Literal["ecu_hang"] = "ecu_hang"
     ecu: EcuName

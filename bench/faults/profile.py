@@ -20,11 +20,11 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
 STRICT = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
-"""How every part of a scenario is validated: no unknown key, no text where a number belongs, no NaN."""
+"""Validation of all parts of a scenario: no unknown key, no text in place of a number, no NaN."""
 
 
 class Constant(BaseModel):
-    """The same value at all times; written as a plain number."""
+    """A constant; written as a plain number."""
 
     model_config = STRICT
 
@@ -36,7 +36,7 @@ class Constant(BaseModel):
         return self.level
 
     def extremes(self) -> tuple[float, float]:
-        """Return the least and the greatest value the profile can take."""
+        """Return the minimum and maximum of the profile."""
         return self.level, self.level
 
     @model_serializer
@@ -59,7 +59,7 @@ class Step(BaseModel):
         return self.after if t >= self.at_s else self.before
 
     def extremes(self) -> tuple[float, float]:
-        """Return the least and the greatest value the profile can take."""
+        """Return the minimum and maximum of the profile."""
         return min(self.before, self.after), max(self.before, self.after)
 
 
@@ -71,7 +71,7 @@ class Sine(BaseModel):
     kind: Literal["sine"]
     mean: float
     amplitude: float
-    # Above half the rate at which the plant reads the profile (100 Hz) the sine would be another one.
+    # Above half the rate at which the plant samples the profile (100 Hz) the sine would alias.
     frequency_hz: Annotated[float, Field(gt=0, le=50)]
     phase_rad: Annotated[float, Field(ge=-2 * math.pi, le=2 * math.pi)] = 0.0
 
@@ -80,7 +80,7 @@ class Sine(BaseModel):
         return self.mean + self.amplitude * math.sin(2 * math.pi * self.frequency_hz * t + self.phase_rad)
 
     def extremes(self) -> tuple[float, float]:
-        """Return the least and the greatest value the profile can take."""
+        """Return the minimum and maximum of the profile."""
         return self.mean - abs(self.amplitude), self.mean + abs(self.amplitude)
 
 
@@ -108,14 +108,14 @@ class Within:
         return profile
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Check after the profile itself has been validated."""
+        """Add the range check after the profile's own validation."""
         return core_schema.no_info_after_validator_function(self._check, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Tell the range, which JSON Schema has no word for across a union, to whoever explains an error."""
+        """Add the range to the schema for error messages: JSON Schema cannot state it for a union."""
         return {**handler(schema), "range": [self.low, self.high]}
 
 
 def constant(level: float) -> Constant:
-    """Return the profile that is `level` at all times."""
+    """Return the constant profile `level`."""
     return Constant(level=level)

@@ -1,4 +1,4 @@
-"""Faults of sensors and senders: signals that are stuck, biased, noisy or gone, under a good CRC and counter."""
+"""Faults of sensors and senders: signals that are stuck, biased, noisy or missing, with valid CRC and counter."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from bench.names import PLANT
 
 
 class SignalFault(FrameFault):
-    """A fault of one signal of a message."""
+    """A fault in one signal of a message."""
 
     message: str
     signal: str
@@ -22,7 +22,7 @@ class SignalFault(FrameFault):
         signals = bench.signals(self.bus, message)
         if self.signal in signals:
             return []
-        return [(("signal",), f"= {self.signal} is no signal of {message}; allowed: {', '.join(signals)}")]
+        return [(("signal",), f"= {self.signal} is not a signal of {message}; allowed: {', '.join(signals)}")]
 
     def on_values(self, values: dict[str, float], frame: FrameContext, memory: Memory) -> None:
         """See `Fault`."""
@@ -42,7 +42,7 @@ class SensorFault(FrameFault):
 
 
 class SignalStuck(SignalFault):
-    """A signal keeps the value it has when the fault begins; CRC and counter are good."""
+    """A signal keeps its value from the beginning of the fault; CRC and counter are valid."""
 
     kind: Literal["signal_stuck"] = "signal_stuck"
 
@@ -74,7 +74,7 @@ class SensorNoise(SensorFault, SignalFault):
 
 
 class SensorDropout(SensorFault):
-    """A sensor sends nothing, now and then or at all."""
+    """A sensor sends nothing, intermittently or permanently."""
 
     kind: Literal["sensor_dropout"] = "sensor_dropout"
     message: str

@@ -11,7 +11,7 @@ from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN
 
 
 class ActuatorStuck(Fault):
-    """An actuator stays where it is, or goes to `value` (rad, N m) and stays there, whatever is commanded."""
+    """An actuator is stuck at its present value or at `value` (rad, N m), regardless of commands."""
 
     kind: Literal["actuator_stuck"] = "actuator_stuck"
     vehicle: VehicleNumber
@@ -31,7 +31,7 @@ class ActuatorStuck(Fault):
 
 
 class TyreBlowout(Fault):
-    """A tyre loses its pressure at once: the wheel has little grip and load left and drags (0 `inflation` is flat)."""
+    """A tyre suddenly loses its pressure: the wheel loses most grip and load, and drags (`inflation` 0 is flat)."""
 
     kind: Literal["tyre_blowout"] = "tyre_blowout"
     vehicle: VehicleNumber
@@ -73,7 +73,7 @@ class AxleSoftening(Fault):
 
 
 class IcePatch(Fault):
-    """The adhesion is `mu` under one vehicle, or under all."""
+    """The road's friction coefficient is `mu` under one vehicle, or under all."""
 
     kind: Literal["ice_patch"] = "ice_patch"
     vehicle: VehicleNumber | None = None

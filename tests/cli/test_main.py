@@ -133,12 +133,12 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--set", "planner.speed_max_mps=3.0"], "planner.speed_max_mps = 3 is below planner.speed_min_mps = 5"),
         (["--set", "planner.sigma_eps=1e-308"], "planner.sigma_eps = 1e-308 is not allowed"),
         (["--set", "tracker.force_unit_n=1e-300"], "tracker.force_unit_n = 1e-300 is not allowed"),
-        (["--out", "run.html"], "run.html: want a name that ends in .mcap"),
-        (["--out", ""], "want a name that ends in .mcap"),
+        (["--out", "run.html"], "run.html: give a name that ends in .mcap"),
+        (["--out", ""], "give a name that ends in .mcap"),
         (["--out", f"{'x' * 300}.mcap"], "File name too long"),
         (["--out", "/proc/run.mcap"], "/proc/run.mcap"),
         (["x" * 5000], "File name too long"),
-        (["--out", "nowhere/run.mcap"], "there is no directory nowhere; make it with: mkdir -p nowhere"),
+        (["--out", "nowhere/run.mcap"], "there is no directory nowhere; create it with: mkdir -p nowhere"),
         (["--no-such-option"], "No such option"),
     ],
 )
@@ -214,7 +214,7 @@ def test_vehicles_that_came_too_near_each_other_fail_the_run(tmp_path):
 def test_a_report_never_takes_the_place_of_a_log(platoon_log, tmp_path, refused):
     log, _ = platoon_log
     before = log.read_bytes()
-    assert "want a name that ends in .html" in refused("report", str(log), "-o", str(log), cwd=tmp_path)
+    assert "give a name that ends in .html" in refused("report", str(log), "-o", str(log), cwd=tmp_path)
     assert log.read_bytes() == before
 
 

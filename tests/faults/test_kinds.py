@@ -72,11 +72,11 @@ def test_a_target_that_does_not_exist_is_named(kind: str) -> None:
         ('{kind = "frame_loss", at_s = 1.0, bus = "veh1", message = "BenchSync"}', "faults.0.message = BenchSync"),
         (
             '{kind = "sensor_bias", at_s = 1.0, bus = "veh1", message = "Reference", signal = "YawRate", bias = 1.0}',
-            "faults.0.message = Reference is nothing on veh1 that can have this fault; allowed: VehiclePosition",
+            "faults.0.message = Reference is not a message on veh1 that can have this fault; allowed: VehiclePosition",
         ),
         (
             '{kind = "signal_stuck", at_s = 1.0, bus = "veh1", message = "Reference", signal = "Yaw"}',
-            "faults.0.signal = Yaw is no signal of Reference; allowed: VelocityX, YawRate, ReferenceState",
+            "faults.0.signal = Yaw is not a signal of Reference; allowed: VelocityX, YawRate, ReferenceState",
         ),
         ('{kind = "counter_stuck", at_s = 1.0, bus = "veh1", message = "PlannerStatus"}', "has no alive counter"),
         ('{kind = "earthquake", at_s = 1.0}', 'faults.0 has the kind "earthquake"; allowed: one of actuator_stuck, '),

@@ -225,7 +225,7 @@ def test_bad_files_are_refused(tmp_path):
 def test_bad_places_are_refused_before_anything_is_driven(fmu_path, tmp_path):
     (tmp_path / "folder").mkdir()
     assert "is a directory" in refused(fmu_path, "-o", "folder", cwd=tmp_path)
-    assert "want a name that ends in .html" in refused(fmu_path, "-o", "page.fmu", cwd=tmp_path)
+    assert "give a name that ends in .html" in refused(fmu_path, "-o", "page.fmu", cwd=tmp_path)
     assert "there is no directory" in refused(fmu_path, "-o", "none/page.html", cwd=tmp_path)
 
 

@@ -198,7 +198,7 @@ def test_nothing_is_written_over(recorded, tmp_path):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_is_read_only_is_refused(recorded, tmp_path):
     tmp_path.chmod(0o500)
-    with pytest.raises(BadInput, match="cannot be written to"):
+    with pytest.raises(BadInput, match="not writable"):
         command(recorded.path, "-o", tmp_path / "clean.mcap")
 
 
