@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 
 from bench.bus.codec import Codec, load_codecs
+from bench.bus.control_channel import ControlChannel
 from bench.bus.frame import CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.states import BenchCommand
-from bench.bus.ties import Ties
 from bench.bus.topic import V2V
 from bench.conductor.linux import set_real_time, wait_until
 from bench.cycle import CYCLE_NS, time_of
@@ -32,7 +32,7 @@ PRIORITY = 80
 """SCHED_FIFO priority of this process, above all others of the bench."""
 
 
-def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> None:
+def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Address) -> None:
     """Send BenchSync of `cycles` cycles, then wait until the conductor stops the run or is gone.
 
     Raises:
@@ -47,16 +47,16 @@ def serve_clock(ties: Ties, vehicles: int, cycles: int, address: Address) -> Non
         for link in links.values():
             link.select([sync_id] if link is links[V2V] else [])
         set_real_time(0, PRIORITY)
-        ties.ready(CLOCK, ())
+        channel.ready(CLOCK, ())
         start = time.monotonic_ns() + START_NS
         for cycle in range(cycles):
             frames = _frames(codecs, cycle)
             wait_until(start + cycle * CYCLE_NS)
             for bus, (can_id, data) in frames.items():
                 links[bus].send(can_id, data)
-            if _told_to_stop(ties.lifeline, links[V2V], sync_id, 0.0):
+            if _told_to_stop(channel.lifeline, links[V2V], sync_id, 0.0):
                 return
-        while not _told_to_stop(ties.lifeline, links[V2V], sync_id, None):
+        while not _told_to_stop(channel.lifeline, links[V2V], sync_id, None):
             pass
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bench.bus.codec import Codec
+from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
 from bench.bus.states import BenchCommand
-from bench.bus.ties import Truth
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk

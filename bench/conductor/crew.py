@@ -15,9 +15,9 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol
 
+from bench.bus.control_channel import Kind, ReportReader, Truth, read_truth
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
-from bench.bus.ties import Kind, ReportReader, Truth, read_truth
 from bench.bus.topic import Topic
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.linux import enlarge_pipe
@@ -124,7 +124,7 @@ class Member:
     Attributes:
         name: as in messages to a person.
         target: `module:function` to run in it, see `Child`.
-        arguments: for the function, besides the `Ties`.
+        arguments: for the function, besides the `ControlChannel`.
         early: whether it is started before what the others share is imported.
         on_call: whether it is started only by `Crew.restart`.
     """

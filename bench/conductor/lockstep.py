@@ -9,10 +9,10 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
-from bench.bus.ties import Truth
 from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress
 from bench.conductor.crew import Crew, Ended
 from bench.conductor.cycle import CycleFrames, frames_due

@@ -21,7 +21,7 @@ import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.bus.ties import Kind, Ties
+from bench.bus.control_channel import ControlChannel, Kind
 from bench.conductor.linux import die_with_parent, set_name
 from bench.errors import BenchError
 
@@ -32,7 +32,7 @@ class Child:
 
     Attributes:
         name: as in messages to a person.
-        target: `module:function`, called with the child's `Ties` and the arguments.
+        target: `module:function`, called with the child's `ControlChannel` and the arguments.
         arguments: pickled tuple; only the child unpickles it, with the imports that takes.
         stderr: file descriptor that its standard output and error go to.
         early: whether it is forked before the shared imports, as it needs few of them.
@@ -80,15 +80,15 @@ def main() -> None:
         return
     set_name("nursery")
     try:
-        _Nursery(brood, Ties(lifeline, brood.reports, brood.board)).run()
+        _Nursery(brood, ControlChannel(lifeline, brood.reports, brood.board)).run()
     except BenchError as error:
         sys.exit(str(error))
 
 
 class _Nursery:
-    def __init__(self, brood: Brood, ties: Ties) -> None:
+    def __init__(self, brood: Brood, channel: ControlChannel) -> None:
         self._brood = brood
-        self._ties = ties
+        self._channel = channel
         self._alive: dict[int, str] = {}
         # A child that dies by a fault may be forked again, so the pipes for standard errors stay open here.
         # A child's end wakes the nursery through this pipe.
@@ -103,8 +103,8 @@ class _Nursery:
         self._preload()
         self._fork([child for child in self._brood.children if not (child.early or child.on_call)])
         while True:
-            ready, _, _ = select.select([self._wake, self._ties.lifeline, self._brood.orders], [], [])
-            if self._ties.lifeline in ready:
+            ready, _, _ = select.select([self._wake, self._channel.lifeline, self._brood.orders], [], [])
+            if self._channel.lifeline in ready:
                 self._kill()
                 return
             if self._wake in ready:
@@ -136,12 +136,12 @@ class _Nursery:
                     die_with_parent()
                     if os.getppid() == nursery:
                         os.close(self._brood.orders)
-                        code = _run(child, self._ties, [other.stderr for other in self._brood.children])
+                        code = _run(child, self._channel, [other.stderr for other in self._brood.children])
                 finally:
                     # Whatever happened, this process must not go on as a second nursery.
                     os._exit(code)
             self._alive[pid] = child.name
-            self._ties.report(Kind.STARTED, {"name": child.name, "pid": pid})
+            self._channel.report(Kind.STARTED, {"name": child.name, "pid": pid})
 
     def _reap(self) -> None:
         while self._alive:
@@ -150,7 +150,7 @@ class _Nursery:
                 return
             name = self._alive.pop(pid)
             code = os.waitstatus_to_exitcode(status)
-            self._ties.report(Kind.ENDED, {"name": name, "pid": pid, "code": code})
+            self._channel.report(Kind.ENDED, {"name": name, "pid": pid, "code": code})
 
     def _kill(self) -> None:
         for pid in self._alive:
@@ -159,7 +159,7 @@ class _Nursery:
             os.waitpid(pid, 0)
 
 
-def _run(child: Child, ties: Ties, stderrs: Sequence[int]) -> int:
+def _run(child: Child, channel: ControlChannel, stderrs: Sequence[int]) -> int:
     """Call the child's target; return the exit code. What goes wrong is said on standard error."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
@@ -175,7 +175,7 @@ def _run(child: Child, ties: Ties, stderrs: Sequence[int]) -> int:
     module, _, function = child.target.partition(":")
     code = 1
     try:
-        getattr(importlib.import_module(module), function)(ties, *pickle.loads(child.arguments))
+        getattr(importlib.import_module(module), function)(channel, *pickle.loads(child.arguments))
         code = 0
     except BenchError as error:
         sys.stderr.write(f"{error}\n")

@@ -17,11 +17,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 from bench import events
+from bench.bus.control_channel import Truth
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
-from bench.bus.ties import Truth
 from bench.bus.topic import V2V
 from bench.conductor.clock import CLOCK, PRIORITY
 from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress

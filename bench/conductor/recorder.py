@@ -6,8 +6,8 @@ from contextlib import contextmanager
 
 from bench import events
 from bench.bus.codec import Codec
+from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame
-from bench.bus.ties import Truth
 from bench.bus.wire.timing import BusTimeline
 from bench.conductor.process_watch import ProcessWatch
 from bench.conductor.stage import Stage

@@ -13,12 +13,12 @@ from importlib import metadata
 from pathlib import Path
 
 from bench.bus.codec import Codec
+from bench.bus.control_channel import Truth
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
 from bench.bus.node import Node
-from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew

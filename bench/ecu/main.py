@@ -4,11 +4,11 @@ import sys
 from contextlib import ExitStack
 
 from bench.bus.codec import load_codecs
+from bench.bus.control_channel import ControlChannel
 from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
 from bench.bus.node import serve
-from bench.bus.ties import Ties
 from bench.ecu.alone import await_bench
 from bench.ecu.loading import load_classes, make_node
 from bench.errors import BadInput
@@ -20,7 +20,7 @@ SILENCE_S = 10.0
 
 
 def serve_ecu(
-    ties: Ties | None,
+    channel: ControlChannel | None,
     spec: str,
     slot: EcuSlot,
     scenario: Scenario,
@@ -29,7 +29,7 @@ def serve_ecu(
     """Run one ECU in this process until the conductor stops it or is gone.
 
     Args:
-        ties: to the conductor that started this process; None where the ECU runs alone, then it waits for the first
+        channel: to the conductor that started this process; None if the ECU runs alone, then it waits for the first
             frame as long as it takes, and gives up after `SILENCE_S` without one.
         spec: the ECU's class, see `bench.ecu.loading.load_class`.
         slot: its place in the network.
@@ -46,9 +46,9 @@ def serve_ecu(
     codecs = load_codecs(vehicles)
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in slot.buses}
-        plan = FaultPlan(scenario.faults, scenario.seed, ties.fault_board() if ties else None)
+        plan = FaultPlan(scenario.faults, scenario.seed, channel.fault_board() if channel else None)
         node, ecu = make_node(spec, slot, scenario, links, codecs, plan)
-        if ties is None:
+        if channel is None:
             there = ", ".join(f"{bus} at {address.place_of(bus)}" for bus in links)
             sys.stderr.write(f"{node.name} listens on {there}\n")
             sys.stderr.flush()
@@ -57,5 +57,5 @@ def serve_ecu(
         else:
             # Once more in this process: memory shared with the nursery is copied when it is first written to.
             load_classes([spec])
-            ties.ready(node.name, ecu.inputs)
-            serve([node], ties.lifeline)
+            channel.ready(node.name, ecu.inputs)
+            serve([node], channel.lifeline)

@@ -5,11 +5,11 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from bench.bus.codec import Codec, load_codecs
+from bench.bus.control_channel import ControlChannel
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.node import serve
-from bench.bus.ties import Ties
 from bench.bus.topic import vehicle_bus
 from bench.faults.plan import FaultPlan
 from bench.names import PLANT
@@ -56,7 +56,7 @@ def make_nodes(
     return nodes
 
 
-def serve_plant(ties: Ties, scenario: Scenario, fmu: Path, address: Address) -> None:
+def serve_plant(channel: ControlChannel, scenario: Scenario, fmu: Path, address: Address) -> None:
     """Run the plant in this process until the conductor stops it or is gone.
 
     Raises:
@@ -65,9 +65,9 @@ def serve_plant(ties: Ties, scenario: Scenario, fmu: Path, address: Address) -> 
     """
     vehicles = len(scenario.vehicles)
     with ExitStack() as stack:
-        plan = FaultPlan(scenario.faults, scenario.seed, ties.fault_board())
+        plan = FaultPlan(scenario.faults, scenario.seed, channel.fault_board())
         codecs = load_codecs(vehicles)
-        nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), codecs, ties.truth, stack, plan)
+        nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), codecs, channel.truth, stack, plan)
         # It publishes without waiting for any input of the cycle, so nobody can keep it waiting.
-        ties.ready(PLANT, ())
-        serve(nodes, ties.lifeline)
+        channel.ready(PLANT, ())
+        serve(nodes, channel.lifeline)

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.node import Node
-from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.direct import DirectCrew
 from bench.conductor.interrupts import Interrupts

@@ -46,7 +46,7 @@ ENUMERATIONS = {
 }
 """The enumeration of every signal with a value table; those that show a reception have `ReceptionState`."""
 
-NOT_ON_A_BUS = {"bench.bus.ties.Kind", "bench.vcan.wire.Kind"}
+NOT_ON_A_BUS = {"bench.bus.control_channel.Kind", "bench.faults.base.Condition", "bench.vcan.wire.Kind"}
 """Enumerations of other formats than CAN."""
 
 SLOWER = {"PlantBusHealth", "PlannerPotential", "PlannerGains", "PlannerBusHealth", "TrackerBusHealth"}

@@ -126,7 +126,7 @@ def test_it_tells_the_projects_version(tmp_path):
             ],
             "--without veh1.tracker: the scenario has a fault ecu_hang for it",
         ),
-        (["--can", "udp", "--can", "vcan"], "--can vcan: every bus has udp already"),
+        (["--can", "udp", "--can", "vcan"], "--can vcan: every bus already has udp"),
         (["--can", "veh4=udp"], "--can veh4=...: the scenario has the buses v2v, veh1, veh2, veh3"),
         (["--can", "veh1=can0"], "--can veh1=can0: not a bus; allowed: udp"),
         (["--can", "veh1=udp:45000@nowhere0"], "no network device nowhere0; this host has"),

@@ -12,13 +12,13 @@ import pytest
 
 from bench.analysis.timing import NodeTiming, Timing, timing
 from bench.bus.codec import load_codecs
+from bench.bus.control_channel import Truth
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
-from bench.bus.ties import Truth
 from bench.bus.topic import Topic
 from bench.conductor.conducting import Means
 from bench.conductor.cycle import frames_due

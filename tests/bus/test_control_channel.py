@@ -1,4 +1,4 @@
-"""Reports through a pipe that many write to."""
+"""Reports of several processes through one pipe of the control channel."""
 
 import os
 import select
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.bus.ties import Kind, ReportReader, Ties, Truth, read_truth
+from bench.bus.control_channel import ControlChannel, Kind, ReportReader, Truth, read_truth
 from bench.bus.topic import Topic
 
 
@@ -20,9 +20,9 @@ from bench.bus.topic import Topic
 def test_truth_rows_come_out_as_they_went_in_however_the_pipe_cuts_them(rows: list[list[float]], cut: int) -> None:
     reader, writer = os.pipe()
     try:
-        ties = Ties(lifeline=-1, reports=writer)
+        channel = ControlChannel(lifeline=-1, reports=writer)
         for cycle, row in enumerate(rows):
-            ties.truth(3, cycle, row)
+            channel.truth(3, cycle, row)
         reports, got = ReportReader(), []
         for _ in range(sum(len(row) * 8 + 12 for row in rows)):
             if not select.select([reader], [], [], 0)[0]:
@@ -36,11 +36,11 @@ def test_truth_rows_come_out_as_they_went_in_however_the_pipe_cuts_them(rows: li
 
 def test_reports_of_many_do_not_mix() -> None:
     reader, writer = os.pipe()
-    ties = Ties(lifeline=-1, reports=writer)
+    channel = ControlChannel(lifeline=-1, reports=writer)
 
     def write(vehicle: int) -> None:
         for cycle in range(200):
-            ties.truth(vehicle, cycle, [float(vehicle)] * 60)
+            channel.truth(vehicle, cycle, [float(vehicle)] * 60)
 
     writers = [threading.Thread(target=write, args=(vehicle,)) for vehicle in (1, 2, 3)]
     for thread in writers:
@@ -61,7 +61,7 @@ def test_reports_of_many_do_not_mix() -> None:
 def test_the_inputs_of_sixteen_vehicles_fit() -> None:
     reader, writer = os.pipe()
     inputs = [Topic("v2v", f"{name}_{i}") for i in range(1, 17) for name in ("V2VPosition", "V2VMotion")]
-    Ties(lifeline=-1, reports=writer).ready("veh16.planner", inputs)
+    ControlChannel(lifeline=-1, reports=writer).ready("veh16.planner", inputs)
     os.close(writer)
     ((kind, payload),) = ReportReader().feed(os.read(reader, 65536))
     os.close(reader)
@@ -71,4 +71,4 @@ def test_the_inputs_of_sixteen_vehicles_fit() -> None:
 
 def test_a_report_that_could_mix_with_others_is_refused() -> None:
     with pytest.raises(ValueError, match="in one piece"):
-        Ties(lifeline=-1, reports=-1).truth(1, 0, [0.0] * 1000)
+        ControlChannel(lifeline=-1, reports=-1).truth(1, 0, [0.0] * 1000)

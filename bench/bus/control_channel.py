@@ -1,8 +1,8 @@
-"""What ties a process of a bench to its conductor besides the buses: a lifeline and a pipe for reports.
+"""The control channel between a process of a bench and its conductor: a lifeline and a pipe for reports.
 
-The lifeline is the reading end of a pipe whose writing end only the conductor has: it becomes readable, as ended, when
-the conductor is gone, however that happened. Reports are records in a pipe that all processes of a bench share; a
-record of up to PIPE_BUF bytes is written whole or not at all (POSIX write), so records never mix.
+The lifeline is the reading end of a pipe whose writing end only the conductor has: it becomes readable (end of file)
+when the conductor ends, however that happens. Reports are records in a pipe that all processes of a bench share; POSIX
+guarantees that writes of up to PIPE_BUF bytes are atomic, so records never mix.
 """
 
 import json
@@ -22,14 +22,14 @@ _TRUTH = struct.Struct("<HxxI")
 
 
 class Kind(IntEnum):
-    """What a report says."""
+    """The kinds of reports."""
 
     STARTED = 1
     """A process has been started: its name and process number."""
     READY = 2
-    """A process listens on its buses: its name and the inputs of its nodes."""
+    """A process is listening on its buses: its name and the inputs of its nodes."""
     ENDED = 3
-    """A process has ended: its name and its exit code, the negated signal number where a signal ended it."""
+    """A process has ended: its name and its exit code, the negated signal number if a signal ended it."""
     TRUTH = 4
     """A truth row: vehicle, cycle, values."""
 
@@ -44,13 +44,13 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
-class Ties:
-    """A process's ends of the two pipes.
+class ControlChannel:
+    """A process's ends of the pipes to its conductor.
 
     Attributes:
-        lifeline: readable once the conductor is gone.
+        lifeline: readable once the conductor has ended.
         reports: writing end of the pipe for reports.
-        board: file descriptor of the fault board; -1 where there is none.
+        board: file descriptor of the fault board; -1 if there is none.
     """
 
     lifeline: int
@@ -58,11 +58,11 @@ class Ties:
     board: int = -1
 
     def fault_board(self) -> FaultBoard | None:
-        """Return the board that the conductor posts faults on."""
+        """Return the board on which the conductor posts faults, None if there is none."""
         return FaultBoard(self.board) if self.board >= 0 else None
 
     def ready(self, name: str, inputs: Sequence[Topic]) -> None:
-        """Report that the process `name` listens on its buses for `inputs`."""
+        """Report that the process `name` is listening on its buses for `inputs`."""
         self.report(Kind.READY, {"name": name, "inputs": [[topic.bus, topic.message] for topic in inputs]})
 
     def truth(self, vehicle: int, cycle: int, values: Sequence[float]) -> None:
@@ -71,29 +71,29 @@ class Ties:
         self._write(Kind.TRUTH, row)
 
     def report(self, kind: Kind, content: dict[str, Any]) -> None:
-        """Report something that happens once.
+        """Report a single event.
 
         Raises:
-            ValueError: the record is longer than a pipe takes in one piece.
+            ValueError: the record is longer than PIPE_BUF, which a pipe accepts in one piece.
         """
         self._write(kind, json.dumps(content).encode())
 
     def _write(self, kind: Kind, payload: bytes) -> None:
         record = _HEAD.pack(kind, len(payload)) + payload
         if len(record) > select.PIPE_BUF:
-            raise ValueError(f"report of {len(record)} bytes; a pipe takes {select.PIPE_BUF} in one piece")
+            raise ValueError(f"report of {len(record)} bytes; a pipe accepts {select.PIPE_BUF} in one piece")
         os.write(self.reports, record)
 
 
 class ReportReader:
-    """Puts together the records that come out of the pipe."""
+    """Assembles the records read from the pipe."""
 
     def __init__(self) -> None:
-        """Begin with nothing read."""
+        """Start with an empty buffer."""
         self._buffer = b""
 
     def feed(self, data: bytes) -> Iterator[tuple[Kind, bytes]]:
-        """Give kind and payload of each record that `data` completes."""
+        """Yield kind and payload of each record that `data` completes."""
         buffer = self._buffer + data
         start = 0
         while len(buffer) - start >= _HEAD.size:
