@@ -1,6 +1,6 @@
 """The paper's control, section by section: numbers in, numbers out; no clock, no CAN.
 
-The only thing that it does with files is to keep numba's compiled code in step with its sources.
+Its only file access keeps numba's compiled code up to date with its sources.
 """
 
 from pathlib import Path

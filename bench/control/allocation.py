@@ -1,4 +1,4 @@
-"""Three virtual inputs for the five real ones: steering, total drive force, yaw moment of the drive forces.
+"""Control allocation: three virtual inputs (steering, total drive force, yaw moment) replace the five real ones.
 
 The wheels share the total force evenly, and left and right wheels differ by the yaw moment, so that
 `U = ALLOCATION @ u` turns `u = [delta, F, M]` (rad, N, N m) into the paper's `U = [delta, F_x1 .. F_x4]`. Every
@@ -25,7 +25,7 @@ class Allocation:
 
     Attributes:
         matrix: (5, 3), `U = matrix @ u`.
-        limit: (3,) largest |u| of each virtual input such that any combination keeps every wheel inside its
+        limit: (3,) largest |u| of each virtual input for which any combination keeps every wheel within its
             force limit (rad, N, N m).
     """
 
@@ -34,13 +34,13 @@ class Allocation:
 
 
 def allocate(vehicle: VehicleParameters, steering_max: float, force_max: float, moment_share: float) -> Allocation:
-    """The allocation for a vehicle.
+    """Return the allocation for a vehicle.
 
     Args:
         vehicle: its track `l_t` is the lever of the yaw moment.
         steering_max: largest |delta|, rad.
         force_max: largest |F_xi| of one wheel, N.
-        moment_share: part of `force_max`, in (0, 1), set aside for the yaw moment.
+        moment_share: fraction of `force_max`, in (0, 1), reserved for the yaw moment.
     """
     per_moment = 0.5 / vehicle.l_t
     matrix = np.array([[1.0, 0.0, 0.0], *([0.0, 0.25, -wheel.side * per_moment] for wheel in WHEELS)])
@@ -49,6 +49,6 @@ def allocate(vehicle: VehicleParameters, steering_max: float, force_max: float, 
 
 
 def virtual_input(vehicle: VehicleParameters, steering: float, forces: Vector) -> Vector:
-    """The virtual input u (3,) that a steering angle (rad) and any four wheel forces (4,) (N) come to."""
+    """Return the virtual input u (3,) equivalent to a steering angle (rad) and four wheel forces (4,) (N)."""
     left, right = forces[FL] + forces[RL], forces[RR] + forces[FR]
     return np.array([steering, left + right, 0.5 * vehicle.l_t * (right - left)])

@@ -1,8 +1,8 @@
-"""The stability boundaries and what keeps a reference inside them, (27)-(32) and (35).
+"""The stability boundaries and the limiting of a reference to them, (27)-(32) and (35).
 
-The lift-off limits of (31) are 25 to 29 m/s^2 and never bind on a real road, so the adhesion limit `|a_x| <= mu g` and
-the friction circle `a_x^2 + a_y^2 <= (mu g)^2` with `a_y = gamma v_x` hold as well. Of (35), which prints l_f twice,
-acceleration is limited by l_r and braking by l_f.
+The lift-off limits of (31) are 25 to 29 m/s^2 and are never active on a real road, so the adhesion limit
+`|a_x| <= mu g` and the friction circle `a_x^2 + a_y^2 <= (mu g)^2` with `a_y = gamma v_x` apply as well. (35) prints
+l_f twice; here l_r limits acceleration and l_f braking.
 """
 
 import math
@@ -14,7 +14,7 @@ from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
 
 YAW_SHARE = 0.85
-"""Share of the adhesion that lateral acceleration may use, (29)."""
+"""Fraction of the adhesion available for lateral acceleration, (29)."""
 
 
 class Boundaries(NamedTuple):
@@ -24,9 +24,9 @@ class Boundaries(NamedTuple):
         mu_g: adhesion times gravity, m/s^2.
         lift_front: g l_r / h, at which the front wheels lift, m/s^2.
         lift_rear: g l_f / h, at which the rear wheels lift, m/s^2.
-        share: part of the boundaries that a reference may use, in (0, 1]; the rest is for the tracking error.
-        acceleration_max: largest acceleration and braking asked for, m/s^2.
-        yaw_acceleration_max: largest change of the yaw rate asked for, rad/s^2.
+        share: fraction of the boundaries that a reference may use, in (0, 1]; the remainder allows for tracking errors.
+        acceleration_max: largest commanded acceleration and braking, m/s^2.
+        yaw_acceleration_max: largest commanded change of the yaw rate, rad/s^2.
         speed_min: m/s.
         speed_max: m/s.
     """
@@ -50,8 +50,8 @@ def boundaries(
     speed_min: float,
     speed_max: float,
 ) -> Boundaries:
-    """The boundaries of a vehicle on a road of adhesion `mu`."""
-    # A whole number would have the compiled functions compiled once more.
+    """Return the boundaries of a vehicle on a road with adhesion `mu`."""
+    # An integer would make numba compile the functions again.
     return Boundaries(
         mu_g=mu * vehicle.g,
         lift_front=vehicle.g * vehicle.l_r / vehicle.h,
@@ -72,7 +72,7 @@ def yaw_rate_max(v_x: float, mu_g: float) -> float:
 
 @njit(cache=True)
 def largest_acceleration(gamma: float, v: float, limits: Boundaries) -> float:
-    """The largest |a_x| (m/s^2) beside a lateral acceleration gamma v: friction circle and what is asked for."""
+    """The largest |a_x| (m/s^2) at lateral acceleration gamma v, by the friction circle and `acceleration_max`."""
     allowed = limits.share * limits.mu_g
     lateral = gamma * v
     return float(min(math.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits.acceleration_max))
@@ -80,7 +80,7 @@ def largest_acceleration(gamma: float, v: float, limits: Boundaries) -> float:
 
 @njit(cache=True)
 def speed_reach(v: float, accelerating: bool, step_s: float, limits: Boundaries) -> float:
-    """V_k (m/s) of (35) with the printed l_f corrected: the furthest speed one step can reach."""
+    """V_k (m/s) of (35) with the printed l_f corrected: the extreme speed reachable in one step."""
     return float(v + limits.lift_front * step_s if accelerating else v - limits.lift_rear * step_s)
 
 
@@ -88,13 +88,13 @@ def speed_reach(v: float, accelerating: bool, step_s: float, limits: Boundaries)
 def admissible(
     v: float, gamma: float, v_rate: float, gamma_rate: float, step_s: float, limits: Boundaries
 ) -> tuple[float, float, Limit]:
-    """The next reference (m/s, rad/s), brought inside the boundaries, and the `Limit` that bound most.
+    """The next reference (m/s, rad/s), limited to the boundaries, and the decisive `Limit`.
 
     Args:
         v: this step's reference speed, m/s.
         gamma: this step's reference yaw rate, rad/s.
-        v_rate: dv/dt asked for, m/s^2.
-        gamma_rate: dgamma/dt asked for, rad/s^2.
+        v_rate: requested dv/dt, m/s^2.
+        gamma_rate: requested dgamma/dt, rad/s^2.
         step_s: T, s.
         limits: the boundaries.
     """
@@ -113,7 +113,7 @@ def admissible(
 
     swing = limits.yaw_acceleration_max
     gamma_next = gamma + step_s * min(max(gamma_rate, -swing), swing)
-    # The boundary at the fastest speed this step can end with, so that it holds there too.
+    # The boundary at the highest speed within this step, so that it holds throughout.
     v_fast = max(v, v + step_s * v_rate, limits.speed_min)
     gamma_max = limits.share * yaw_rate_max(v_fast, limits.mu_g)
     if abs(gamma_next) > gamma_max:

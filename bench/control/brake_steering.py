@@ -1,4 +1,4 @@
-"""Keeping a vehicle in its lane by the wheels' torques alone, where its steering does not answer."""
+"""Lane keeping by wheel torques alone, for a vehicle whose steering does not respond."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,19 +7,19 @@ from platoon_fmu.parameters import VehicleParameters
 from platoon_fmu.wheels import WHEELS
 
 YAW_GAIN = 6.0
-"""Yaw acceleration for a yaw-rate error (1/s)."""
+"""Yaw acceleration per yaw-rate error (1/s)."""
 
 YAW_INTEGRAL = 12.0
-"""The same for its integral (1/s^2), which takes up the moment of the stuck wheels."""
+"""The same for its integral (1/s^2), which compensates the moment of the stuck wheels."""
 
 SPEED_GAIN = 2.0
-"""Acceleration for a speed error (1/s)."""
+"""Acceleration per speed error (1/s)."""
 
 
 class BrakeSteering:
     """Wheel forces for a speed and a yaw rate, with the yaw moment from the difference between left and right.
 
-    It needs to know nothing of the steering, so it is right also where only the report of the angle is wrong.
+    It does not use the steering angle, so it also works if only the reported angle is wrong.
 
     Args:
         vehicle: nominal parameters.
@@ -34,7 +34,7 @@ class BrakeSteering:
         self._integral = 0.0
 
     def reset(self) -> None:
-        """Forget the moment of the stuck wheels."""
+        """Reset the integral."""
         self._integral = 0.0
 
     def forces(self, v_x: float, yaw_rate: float, v_ref: float, yaw_rate_ref: float) -> NDArray[np.float64]:
@@ -43,8 +43,8 @@ class BrakeSteering:
         Args:
             v_x: m/s.
             yaw_rate: rad/s.
-            v_ref: speed to have in the next cycle, m/s.
-            yaw_rate_ref: yaw rate to have in the next cycle, rad/s.
+            v_ref: desired speed in the next cycle, m/s.
+            yaw_rate_ref: desired yaw rate in the next cycle, rad/s.
         """
         half = 0.5 * self._force_max
         each = 0.25 * self._vehicle.M * SPEED_GAIN * (v_ref - v_x)
@@ -53,7 +53,7 @@ class BrakeSteering:
         error = yaw_rate_ref - yaw_rate
         integral = self._integral + YAW_INTEGRAL * self._step_s * error
         moment = self._vehicle.I_z * (YAW_GAIN * error + integral)
-        # Two wheels a side, each half a track width from the middle.
+        # Two wheels per side, each half a track width from the centre line.
         difference = moment / (2.0 * self._vehicle.l_t)
         if abs(difference) <= room:
             self._integral = integral

@@ -1,6 +1,6 @@
-"""The certificate of the robust controller: what a gain and its ellipsoid prove, whoever found them; after (68).
+"""The certificate of the robust controller, after (68): the cost bound that a gain and its ellipsoid prove.
 
-No answer of the solver acts on the vehicle without it.
+Every solver result is certified before use; the certificate does not depend on how the result was found.
 """
 
 import math
@@ -21,11 +21,11 @@ _SMALLEST_AXIS = 1e-9
 def certified_cost(
     K: Matrix, P: Matrix, rho: float, models: Sequence[tuple[Matrix, Matrix]], z: Vector, room: Vector
 ) -> float | None:
-    """The worst cost from z that (K, P) proves, whoever found them, or None where they prove nothing.
+    """Return the worst-case cost from z that (K, P) proves, or None if they prove nothing.
 
-    Proven is (68) at every vertex, hence between them: the cost-to-go `W = tau P^-1` falls at least by the stage
-    cost at each step. So the ellipsoid through z is never left, and no state of it asks for more than the room of
-    any input (to 0.1 %, which the caller's clipping then takes off).
+    (68) is checked at every vertex and hence holds between them: the cost-to-go `W = tau P^-1` decreases by at least
+    the stage cost in each step. So the state stays in the ellipsoid through z, and no state in it needs more than the
+    room of any input (within 0.1 %, which the caller clips).
 
     Args:
         K: (m, 3) gain.
@@ -42,19 +42,19 @@ def certified_cost(
 
 @njit(cache=True)
 def proven_cost(K: Matrix, P: Matrix, rho: float, A: Stack, B: Stack, z: Vector, room: Vector) -> float:
-    """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and nan where nothing is proven."""
+    """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and NaN if nothing is proven."""
     if not (np.isfinite(P).all() and np.isfinite(K).all()):
         return math.nan
     values, axes = np.linalg.eigh(P)
     if not values[0] > _SMALLEST_AXIS:
         return math.nan
-    # In the coordinates in which the ellipsoid is the unit ball, every condition is about a norm.
+    # In coordinates in which the ellipsoid is the unit ball, every condition is a bound on a norm.
     root = axes * np.sqrt(values)
     inverse = np.ascontiguousarray((axes / np.sqrt(values)).T)
     gain = K @ root
     radius = np.linalg.norm(inverse @ z)
     for j in range(room.size):
-        # Asked this way round, a room that is not a number is refused.
+        # Written this way, a NaN room is rejected.
         if not radius * np.linalg.norm(gain[j]) <= 1.001 * room[j]:
             return math.nan
     stage = root.T @ root + rho * gain.T @ gain

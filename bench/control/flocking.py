@@ -1,7 +1,7 @@
 """The multi-objective flocking law of Olfati-Saber as the paper uses it, (6)-(10) and (33).
 
 Points q (m) and velocities p (m/s) are in the road frame, X along the road and Y to the left. Compiled, because the
-genetic search evaluates it thousands of times an interval.
+genetic search evaluates it thousands of times per interval.
 """
 
 import math
@@ -15,10 +15,10 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 GAINS = ("Ga", "Gb", "p11", "p12", "p21", "p22")
-"""The order of Lambda, the vector of gains that is optimised."""
+"""The order of the gains in Lambda, the vector that is optimised."""
 
 GA, GB, P11, P12, P21, P22 = range(len(GAINS))
-"""The places of the gains in Lambda."""
+"""The indices of the gains in Lambda."""
 
 
 class Field(NamedTuple):
@@ -26,8 +26,8 @@ class Field(NamedTuple):
 
     Attributes:
         eps: of the sigma-norm.
-        distance: d, at which two agents feel no force (m).
-        reach: r, beyond which they are no neighbours (m).
+        distance: d, at which the force between two agents is zero (m).
+        reach: r, beyond which agents are not neighbours (m).
         flat: G_h of the bump function.
     """
 

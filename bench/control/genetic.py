@@ -1,9 +1,9 @@
 """The flocking gains optimised by a genetic algorithm at every planning interval, (34) and (36).
 
 Each candidate Lambda is rolled out with the vehicle's own closed planning model (flocking, near-identity step,
-boundaries) while its neighbours move at constant velocity. (34) as printed rewards the largest speed change and
-positive yaw only. Here |gamma| is used, and the reward for using the boundaries stands against the formation error it
-is there to remove, so that what is optimised is the trade-off the paper describes: formed fast, inside the boundaries.
+boundaries) while its neighbours move at constant velocity. (34) as printed rewards only the largest speed change
+and positive yaw. Here |gamma| is used, and the reward for using the boundaries is weighed against the formation error,
+so that the trade-off described in the paper is optimised: fast formation within the boundaries.
 """
 
 from typing import NamedTuple
@@ -22,7 +22,7 @@ Matrix = NDArray[np.float64]
 
 
 class Situation(NamedTuple):
-    """A vehicle, its slot and the others as an interval begins.
+    """A vehicle, its slot and the others at the start of an interval.
 
     Attributes:
         X: own position along the road (m).
@@ -48,7 +48,7 @@ class Situation(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """The planning model that each candidate is rolled out with, and the cost that it is judged by.
+    """The planning model with which each candidate is rolled out, and its cost.
 
     Attributes:
         field: of the flocking law.
@@ -68,14 +68,14 @@ class Rollout(NamedTuple):
 
 
 class Breeding(NamedTuple):
-    """How candidates are bred.
+    """Parameters of the genetic algorithm.
 
     Attributes:
         lower: (6,) lower bounds of Lambda.
         upper: (6,) upper bounds.
-        population: candidates.
-        generations: how often they are bred.
-        mutation: standard deviation of a mutation as a share of the range.
+        population: number of candidates.
+        generations: number of generations.
+        mutation: standard deviation of a mutation as a fraction of the range.
     """
 
     lower: Vector
@@ -93,7 +93,7 @@ def rollout_cost(gains: Vector, situation: Situation, rollout: Rollout) -> float
     others = peers_q.copy()
     q, p, q_hat = np.empty(2), np.empty(2), np.empty(2)
     p_hat = np.array([platoon_speed, 0.0])
-    # The Euler step of the yaw rate needs l > v T / 2; the long steps of the horizon are divided to keep to that.
+    # The Euler step of the yaw rate needs l > v T / 2; the long steps of the horizon are divided accordingly.
     parts = int(np.ceil(v * step_s / length)) + 1
     part_s = step_s / parts
     cost = 0.0
@@ -131,17 +131,17 @@ def rollout_cost(gains: Vector, situation: Situation, rollout: Rollout) -> float
 def search(
     start: Vector, seed: int, breeding: Breeding, situation: Situation, rollout: Rollout
 ) -> tuple[Vector, float]:
-    """The best Lambda found (6,) and its cost; the same arguments give the same answer.
+    """The best Lambda found (6,) and its cost; the same arguments give the same result.
 
-    The last interval's gains always compete, so the cost never exceeds theirs; the two best of each generation live
-    on, parents are chosen by tournaments of two, children are blends of two parents, and mutations are normal.
+    The gains of the last interval always compete, so the cost never exceeds theirs. The two best candidates of each
+    generation survive, tournaments of two select parents, children blend two parents, and mutations are normal.
 
     Args:
         start: (6,) gains of the last interval.
-        seed: of the random numbers.
-        breeding: how candidates are bred.
-        situation: what they are rolled out from.
-        rollout: with which model, and what it costs.
+        seed: seed of the random numbers.
+        breeding: parameters of the genetic algorithm.
+        situation: initial situation of the rollouts.
+        rollout: model and cost of the rollouts.
     """
     lower, upper, population, generations, mutation = breeding
     np.random.seed(seed)

@@ -2,8 +2,8 @@
 
 The point S lies `l` ahead of the centre of mass in the direction of motion theta, and can be accelerated in any
 direction: `dS/dt = R_l [v; gamma]` with `R_l = [[c, -l s], [s, l c]]`. The printed R_lambda is singular; this one has
-determinant l. theta is the course, yaw angle plus side-slip angle: with theta the yaw angle alone, a car that crabs in
-a side wind would settle beside its lane.
+determinant l. theta is the course, yaw angle plus side-slip angle: with the yaw angle alone, a car that crabs in a
+side wind would settle beside its lane.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The lumped-disturbance observer, (37)-(42).
 
-`xibar+ = A xibar + B ubar + T d`, `d+ = d`: d gathers everything the nominal model does not know (cornering
+`xibar+ = A xibar + B ubar + T d`, `d+ = d`: d lumps everything the nominal model omits (cornering
 stiffness, wind, slope, rolling resistance, linearisation) as an acceleration [m/s^2, m/s^2, rad/s^2]; hence E = T I.
-As the paper does, all of `[v_x, v_y, gamma]` is taken as measured (C = I).
+As in the paper, all of `[v_x, v_y, gamma]` is measured (C = I).
 """
 
 import numpy as np
@@ -35,9 +35,9 @@ class DisturbanceObserver:
         self.disturbance: Vector = np.zeros(gain.shape[1])
 
     def correct(self, xi: Vector) -> Vector:
-        """Take in a measured state (3,) and return the disturbance estimate (3,), an acceleration.
+        """Process a measured state (3,) and return the disturbance estimate (3,), an acceleration.
 
-        The first measurement starts the observer: the state is taken as measured and the disturbance as zero.
+        The first measurement initialises the observer, with zero disturbance.
         """
         if self._state is None:
             self._state = xi
@@ -47,14 +47,14 @@ class DisturbanceObserver:
         return self.disturbance
 
     def predict(self, A: Matrix, B: Matrix, xi_ref: Vector, u_dev: Vector, drift: Vector) -> None:
-        """Predict the next state from the input that was really applied; `correct` must have been called.
+        """Predict the next state from the input actually applied; `correct` must have been called before.
 
         Args:
             A: (3, 3) model at this step.
             B: (3, m) model at this step.
             xi_ref: (3,) this step's reference state.
-            u_dev: (m,) applied input less the reference input.
-            drift: (3,) where the reference input alone takes the reference state.
+            u_dev: (m,) applied input minus reference input.
+            drift: (3,) next state from the reference state with the reference input.
         """
         if self._state is None:
             raise ValueError("the observer predicts only after its first measurement")

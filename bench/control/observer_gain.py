@@ -1,11 +1,12 @@
 """The observer's gain, from the linear matrix inequality (40) with a true decay rate.
 
-As printed `lambda_e` is no rate, since scaling P, G and K makes every value feasible. With error dynamics
+`lambda_e` as printed is not a rate: scaling P, G and K makes every value feasible. With error dynamics
 `e+ = (A_obs + L C_obs) e` and a rate rho in (0, 1),
 
     [[rho^2 P, (G A_obs + K C_obs)'], [*, G + G' - P]] > 0,   L = G^-1 K,
 
-at every vertex of the speed range gives `e'Pe` falling by at least rho^2 each step, with one L for all speeds.
+at every vertex of the speed range makes `e'Pe` decrease at least by the factor rho^2 per step, with one L for all
+speeds.
 """
 
 from collections.abc import Sequence
@@ -22,9 +23,9 @@ Matrix = NDArray[np.float64]
 
 
 def design_gain(models: Sequence[Matrix], step_s: float, rate: float) -> Matrix:
-    """L (6, 3) that makes every model's estimation error fall by `rate` a step.
+    """Return L (6, 3) with which every model's estimation error decreases by the factor `rate` per step.
 
-    Among all feasible gains the one of the smallest `|K|` for `P >= I` is taken: it amplifies noise least.
+    Of all feasible gains the one with the smallest `|K|` for `P >= I` is used: it amplifies noise least.
 
     Args:
         models: A (3, 3) at the vertices of the speed range.
@@ -32,10 +33,10 @@ def design_gain(models: Sequence[Matrix], step_s: float, rate: float) -> Matrix:
         rate: rho in (0, 1).
 
     Raises:
-        ValueError: no gain reaches the rate, or the one found does not pass its check.
+        ValueError: no gain reaches the rate, or the gain found fails verification.
     """
     n = models[0].shape[0]
-    # In units of one step's change the disturbance is as large as the state, which keeps the solver accurate.
+    # Scaled to the change in one step, the disturbance is as large as the state, which keeps the solver accurate.
     scale = np.concatenate([np.ones(n), np.full(n, 1.0 / step_s)])
     scaled = [augmented(A, step_s) / scale[:, None] * scale for A in models]
     unknowns = _Unknowns(n)
@@ -55,7 +56,7 @@ def design_gain(models: Sequence[Matrix], step_s: float, rate: float) -> Matrix:
 
 
 def _growth(A: Matrix, L: Matrix, P: Matrix, step_s: float) -> float:
-    """The factor by which `sqrt(e'Pe)` grows in one step at most."""
+    """Return the largest factor by which `sqrt(e'Pe)` grows in one step."""
     closed = augmented(A, step_s)
     closed[:, : L.shape[1]] += L
     root = np.linalg.cholesky(P)

@@ -1,13 +1,13 @@
-"""How a step of the controllers ended, as the value tables of the diagnostic messages have it.
+"""Outcomes of a controller step, as in the value tables of the diagnostic messages.
 
-By themselves, so that reading a log need not load the solvers.
+A separate module, so that reading a log does not load the solvers.
 """
 
 import enum
 
 
 class Limit(enum.IntEnum):
-    """Which boundary a reference was brought back to; the values are those of the bus signal `Limit`."""
+    """The boundary that limited a reference; the values are those of the bus signal `Limit`."""
 
     NONE = 0
     YAW_RATE = 1

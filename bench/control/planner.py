@@ -1,9 +1,9 @@
-"""The planning level: one vehicle's reference from its own state and what it hears of the others.
+"""The planning level: one vehicle's reference from its own state and the others' broadcasts.
 
 Slots d apart behind the leader slot move at the platoon's speed along the platoon's lane (Fig. 4, "target projection").
-Slot order follows the longitudinal order in which the vehicles start, so that nobody has to overtake; the leader slot
-starts where the slots' middle is the vehicles' middle, so that the vehicles together move least. Every vehicle works
-both out for itself from the same first broadcasts, and all arrive at the same answer.
+Slots follow the longitudinal order of the vehicles at the start, so that no vehicle has to overtake. The leader slot
+starts where the centre of the slots is the centre of the vehicles, which minimises the total displacement. Every
+vehicle computes both from the same first broadcasts, with the same result.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,19 +25,19 @@ from platoon_fmu.parameters import VehicleParameters
 Vector = NDArray[np.float64]
 
 FOLLOWS_MPS = 1.0
-"""How far (m/s) the speed reference may be off the own speed, so that it does not run away from a vehicle that does not
-follow; one that follows is ten times nearer."""
+"""Largest difference (m/s) between reference and own speed, so that the reference cannot run away from a vehicle that
+does not follow; normal tracking errors are ten times smaller."""
 
 RESUMED_CYCLES = 5
-"""Cycles that a planner was not there for, after which it begins with the own motion again."""
+"""Number of missed cycles after which a planner restarts from the own motion."""
 
 REJOINED_M = 2.0
-"""Distance (m) to its slot at which a vehicle has come back to it."""
+"""Distance (m) to its slot at which a vehicle has rejoined."""
 
 
 @dataclass(frozen=True)
 class PlatoonGoal:
-    """What is to be formed.
+    """The platoon to form.
 
     Attributes:
         lane_y: lateral position of the platoon's lane, m.
@@ -52,7 +52,7 @@ class PlatoonGoal:
 
 @dataclass(frozen=True)
 class Motion:
-    """A vehicle's planar motion as its neighbours know it.
+    """A vehicle's planar motion as known to its neighbours.
 
     Attributes:
         X: position of the centre of mass along the road, m.
@@ -69,7 +69,7 @@ class Motion:
     yaw_rate: float
 
     def later(self, time_s: float) -> "Motion":
-        """The same vehicle `time_s` seconds later, if it keeps its velocity."""
+        """Return the motion `time_s` seconds later at constant velocity."""
         way = self.speed * time_s
         return Motion(
             self.X + way * np.cos(self.course),
@@ -87,15 +87,15 @@ class PlannerOutput:
     Attributes:
         v_x: reference speed of the next cycle, m/s.
         yaw_rate: reference yaw rate of the next cycle, rad/s.
-        limit: the boundary that bound.
+        limit: the active boundary.
         margin: 1 - |gamma| / gamma_max of the reference.
-        slot: from 1 at the head; 0 while the others have not all been heard.
+        slot: from 1 at the head; 0 before slots are assigned.
         target: (2,) slot position now, m.
-        neighbours: how many vehicles are within reach.
+        neighbours: number of vehicles within reach.
         gains: (6,) Lambda in use.
         cost: of the last search.
-        leader_x: where the foremost slot is now; 0 while there are no slots, m.
-        optimise_s: wall-clock time of this step's search, 0 where there was none, s.
+        leader_x: current position of the foremost slot, m; 0 before slots are assigned.
+        optimise_s: wall-clock time of this step's search, s; 0 without a search.
     """
 
     v_x: float
@@ -112,7 +112,7 @@ class PlannerOutput:
 
 
 def slot_order(starts: Sequence[tuple[float, float]]) -> list[int]:
-    """For each vehicle its slot from 0 at the head, by longitudinal order; side by side, the left one goes first."""
+    """Return each vehicle's slot, from 0 at the head, by longitudinal order; of two abreast, the left one is first."""
     order = sorted(range(len(starts)), key=lambda i: (-starts[i][0], -starts[i][1], i))
     slots = [0] * len(starts)
     for slot, vehicle in enumerate(order):
@@ -128,12 +128,12 @@ class Planner:
         goal: the platoon to form.
         vehicle: nominal parameters, for the boundaries.
         number: this vehicle's number, from 1.
-        count: how many vehicles there are.
-        seed: of the search; with the number and the interval it fixes all random numbers.
+        count: number of vehicles.
+        seed: seed of the search; together with number and interval it determines all random numbers.
         step_s: cycle time T, s.
 
     Raises:
-        ValueError: the near-identity length does not suit the fastest speed, or the interval is no multiple of T.
+        ValueError: the near-identity length does not fit the highest speed, or the interval is not a multiple of T.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class Planner:
             float(genetic.horizon_step_s),
         )
         self._best: Vector = 0.5 * (lower + upper)
-        # The flocking law holds for Gb >= Ga only, which the middle of the bounds need not have.
+        # The flocking law requires Gb >= Ga, which the centre of the bounds may violate.
         self._best[GB] = max(self._best[GA], self._best[GB])
         self._gains = self._best
         self._cost = 0.0
@@ -197,7 +197,7 @@ class Planner:
         self._cycle: int | None = None
 
     def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> dict[int, int]:
-        """Fix slots and the leader slot's start from where all vehicles (by number) were at `time_s`.
+        """Assign slots and the start of the leader slot from the positions of all vehicles (by number) at `time_s`.
 
         Returns:
             The slot, from 1 at the head, of every vehicle by number.
@@ -211,28 +211,28 @@ class Planner:
         return {number: slot + 1 for number, slot in zip(numbers, slots, strict=True)}
 
     def join(self, slot: int, leader_x: float, time_s: float) -> None:
-        """Take a slot (from 1) of a platoon under way, whose foremost slot is at `leader_x` (m) at `time_s`."""
+        """Take a slot (from 1) in an existing platoon whose foremost slot is at `leader_x` (m) at `time_s`."""
         self._slot = slot - 1
         self._leader_start, self._leader_time = leader_x, time_s
         self._rejoining = True
 
     @property
     def assigned(self) -> bool:
-        """Slots have been assigned."""
+        """Whether slots have been assigned."""
         return self._slot is not None
 
     def fall_back_braking(self, slot: int) -> float:
-        """Braking (m/s^2) of a vehicle in a slot (from 1) that opens the gap: harder, the further back.
+        """Return the braking (m/s^2) with which a vehicle in a slot (from 1) opens the gap: harder towards the tail.
 
-        So that vehicles behind each other that all fall back come apart, and all brake harder than one that slows down
-        in its lane.
+        So consecutive vehicles that all fall back separate, and all brake harder than a vehicle that slows down in its
+        lane.
         """
         gentle = self.settings.slow_down_mps2
         hard = max(gentle, self.settings.acceleration_max_mps2)
         return gentle + (hard - gentle) * (slot - 1) / max(self._count, 1)
 
     def slow_down(self, cycle: int, time_s: float, own: Motion, v_x: float) -> PlannerOutput:
-        """One cycle of leaving the platoon: slow down in the lane."""
+        """Run one cycle of leaving the platoon: slow down in the lane."""
         v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
         self._rejoining = self._slot is not None
         v, gamma = slow_down(
@@ -251,7 +251,7 @@ class Planner:
         braking: float | None = None,
         make_way_x: float | None = None,
     ) -> PlannerOutput:
-        """One cycle: optimise where an interval begins, then advance the reference by (15).
+        """Run one cycle: optimise at the start of an interval, then advance the reference by (15).
 
         Args:
             cycle: number of the cycle.
@@ -259,8 +259,8 @@ class Planner:
             own: own motion now.
             v_x: own longitudinal velocity now, from which the first reference starts, m/s.
             peers: the others' motion now, by number.
-            braking: how hard to fall back (m/s^2) from a vehicle ahead that cannot be trusted; None to keep the slot.
-            make_way_x: where to be at least (m), to keep clear of a vehicle that comes from behind; None for nothing.
+            braking: braking (m/s^2) to fall back from an untrusted vehicle ahead; None to keep the slot.
+            make_way_x: minimum X (m) to keep clear of a vehicle approaching from behind; None for no minimum.
         """
         v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
         if self._slot is None:
@@ -290,7 +290,7 @@ class Planner:
         return self._output(v, gamma, bound, target, near, leader_x, optimise_s)
 
     def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
-        """The reference to go on from: the last one, where the vehicle has followed it; else the own motion."""
+        """Return the reference to continue from: the last one if it was followed, otherwise the own motion."""
         expected, self._cycle = self._cycle, cycle + 1
         lowest, highest = self._limits.speed_min, self._limits.speed_max
         if self._reference is None:
@@ -305,7 +305,7 @@ class Planner:
         return self._leader_start + self._goal.speed * (time_s - self._leader_time)
 
     def _target(self, leader_x: float, own: Motion, make_way_x: float | None, *, falling_back: bool) -> Vector:
-        """Where to go: to the slot; while falling back across only, and afterwards not too fast."""
+        """Return the target: the slot; only laterally while falling back, and approached slowly afterwards."""
         slot_x = leader_x - (self._slot or 0) * self._goal.gap
         if make_way_x is not None and make_way_x > slot_x:
             slot_x = make_way_x
@@ -322,7 +322,7 @@ class Planner:
         return np.array([slot_x, self._goal.lane_y])
 
     def _points(self, peers: Mapping[int, Motion]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The others' points S (n, 2) and velocities W (n, 2), in order of their numbers."""
+        """Return the others' points S (n, 2) and velocities W (n, 2), in order of their numbers."""
         ordered = [peers[n] for n in sorted(peers)]
         q = [point(m.X, m.Y, m.course, self._length) for m in ordered]
         p = [velocity(m.course, m.speed, m.yaw_rate, self._length) for m in ordered]

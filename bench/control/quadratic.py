@@ -15,11 +15,11 @@ _EQUALITY = 5
 
 @dataclass(frozen=True)
 class QuadraticSolution:
-    """The minimiser, and whether the solver vouches for it.
+    """The minimiser, and whether the solver found the optimum.
 
     Attributes:
-        x: (n,) the minimiser; meaningless where `solved` is false.
-        solved: the solver found the optimum.
+        x: (n,) the minimiser; meaningless if `solved` is false.
+        solved: whether the solver found the optimum.
     """
 
     x: Vector
@@ -33,13 +33,13 @@ def minimise(
     upper: Vector,
     equality: tuple[Matrix, Vector] | None = None,
 ) -> QuadraticSolution:
-    """`min x'Hx/2 + g'x` with `lower <= x <= upper` and, where given, `E x = e`.
+    """Solve `min x'Hx/2 + g'x` with `lower <= x <= upper` and, if given, `E x = e`.
 
     Args:
         hessian: (n, n) positive definite.
         gradient: (n,).
-        lower: (n,) bounds, -inf where there is none.
-        upper: (n,) bounds, inf where there is none.
+        lower: (n,) lower bounds, -inf for none.
+        upper: (n,) upper bounds, inf for none.
         equality: E (m, n) and e (m,).
     """
     n = gradient.size

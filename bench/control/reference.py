@@ -1,7 +1,7 @@
-"""The reference input: what input takes the model from one reference state to the next, (21)-(23).
+"""The reference input, which takes the model from one reference state to the next, (21)-(23).
 
-A sequential quadratic programme on the nonlinear model: each pass linearises the model about the input found so
-far and solves a box-constrained quadratic programme.
+A sequential quadratic programme on the nonlinear model: each pass linearises the model about the current input and
+solves a box-constrained quadratic programme.
 """
 
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ class ReferenceInput:
 
     Attributes:
         u: (3,) virtual input [delta, F, M] (rad, N, N m).
-        residual: (3,) state by which the model driven by it misses the next reference state; what the input
-            bounds and weights leave over is a known disturbance.
-        solved: every quadratic programme was solved.
+        residual: (3,) error of the model's next state from the next reference state, due to input bounds and weights:
+            a known disturbance.
+        solved: whether every quadratic programme was solved.
     """
 
     u: Vector
@@ -54,8 +54,8 @@ def reference_input(
         start: (3,) virtual input to start from (the last step's).
         state_weight: (3,) diagonal of Q_1, per squared state unit.
         input_weight: (3,) diagonal of R_1, for each input in units of its limit.
-        passes: quadratic programmes solved; two reach the optimum where the next state is in reach, and come
-            within a hundredth of its cost where the bounds bind and the start is far off.
+        passes: number of quadratic programmes; two reach the optimum if the next state is reachable, and come
+            within 1 % of its cost if the bounds are active and the start is far away.
     """
     limit = allocation.limit
     ones = np.ones(limit.size)

@@ -1,10 +1,10 @@
-"""The robust model predictive controller: one semidefinite program a step, (50)-(62), and its certificate.
+"""The robust model predictive controller: one semidefinite program per step, (50)-(62), and its certificate.
 
 `chi+ = (A + H Lambda N1) chi + (B + H Lambda N2) theta`, `theta = K chi`: minimise tau, the worst cost
 `sum chi'Q chi + theta'R theta` over all cornering stiffnesses. `robust_program` states the inequalities.
 
-Every answer of the solver is certified before it is used: `certificate` checks it at every corner of the uncertainty,
-and the tau reported is the one that it proves.
+Every solver result is certified before use: `certificate` checks it at every corner of the uncertainty, and the
+reported tau is the one that it proves.
 """
 
 import math
@@ -28,7 +28,7 @@ N = 3
 _SMALLEST = 0.01
 """Deviations below this (scaled units) are treated as this large."""
 _LARGEST_ROOM = 10.0
-"""Input room is cut to this many times the deviation (scaled units): more is hardly used and costs accuracy."""
+"""Input room is limited to this multiple of the deviation (scaled units): more is hardly used and costs accuracy."""
 _LARGEST_COST_RATIO = 1.5
 
 
@@ -37,11 +37,11 @@ class Gain:
     """A state feedback with the ellipsoid that proves it.
 
     Attributes:
-        K: (m, 3) gain of `theta = K chi`, in physical units; 0 where it is not usable.
+        K: (m, 3) gain of `theta = K chi`, in physical units; 0 if not usable.
         P: (3, 3) ellipsoid `chi' P^-1 chi <= 1`, in scaled units.
-        tau: bound of the worst cost from chi, scaled units.
-        status: how the solver ended, or CHECK_FAILED where the certificate refused its answer.
-        iterations: of the solver, in the program whose answer this is.
+        tau: bound of the worst-case cost from chi, scaled units.
+        status: outcome of the solver, or CHECK_FAILED if the certificate rejected its result.
+        iterations: of the solver, in the program that gave this result.
     """
 
     K: Matrix
@@ -52,22 +52,22 @@ class Gain:
 
     @property
     def usable(self) -> bool:
-        """The certificate holds."""
+        """Whether the certificate holds."""
         return self.status is SolverStatus.SOLVED
 
 
 class RobustController:
-    """Solves the semidefinite program of one step and certifies its answer.
+    """Solves the semidefinite program of one step and certifies the result.
 
-    Near the target the input bounds do not bind. So the program is first solved without them, in two thirds of the
-    time: an answer that keeps them all the same is the optimum with them too. Where it does not, they are put in.
+    Near the target the input bounds are inactive. So the program is first solved without them, in two thirds of the
+    time: a result that satisfies them is also the optimum with them. Otherwise it is solved again with the bounds.
 
     Args:
         state_scale: (3,) unit of each state in the program (m/s, m/s, rad/s).
         input_scale: (m,) unit of each input in the program.
         input_weight: R = input_weight I in scaled units, against Q = I.
-        independent: lambda_f and lambda_r vary on their own; else lambda_f = lambda_r as in the paper.
-        tolerance: of the solver; what it leaves over is caught by the certificate.
+        independent: lambda_f and lambda_r vary independently; otherwise lambda_f = lambda_r as in the paper.
+        tolerance: of the solver; the certificate covers its error.
         max_iterations: of the solver.
     """
 
@@ -100,17 +100,17 @@ class RobustController:
         )
 
     def solve(self, model: LinearModel, chi: Vector, u_max: Vector) -> Gain:
-        """The gain of this step.
+        """Return the gain of this step.
 
         Args:
-            model: of m inputs, physical units.
+            model: model with m inputs, physical units.
             chi: (3,) deviation from the target.
-            u_max: (m,) room of each input about its target, positive.
+            u_max: (m,) range of each input about its target, positive.
         """
         x, u = self._state_scale, self._input_scale
         scaled = LinearModel(*_scaled(model.A, model.B, model.H, model.N1, model.N2, x, u))
-        # The program is homogeneous: in units of the deviation itself all its numbers are near one. A deviation too
-        # small to matter is treated as a larger one in its direction, which a proof for the larger one covers.
+        # The program is homogeneous: in units of the deviation all its numbers are near one. A very small deviation is
+        # treated as a larger one in the same direction; the proof for the larger one covers it.
         z = chi / x
         size = math.sqrt(z @ z)
         z = z / size if size > 0.0 else np.eye(N)[0]
@@ -128,13 +128,13 @@ class RobustController:
     def _certify(
         self, answer: Answer, models: tuple[Stack, Stack], z: Vector, room: Vector
     ) -> tuple[Matrix, float, SolverStatus]:
-        """Gain and cost in scaled units, and SOLVED only where the certificate holds; else the gain is 0."""
+        """Return gain and cost in scaled units, and SOLVED only if the certificate holds; otherwise the gain is 0."""
         none = np.zeros_like(answer.Y)
         if answer.status not in (SolverStatus.SOLVED, SolverStatus.ALMOST_SOLVED):
             return none, answer.tau, answer.status
         K = _gain(answer.P, answer.Y)
         proven = float(proven_cost(K, answer.P, self._rho, *models, z, room))
-        # The proof asks for a cost close to the solver's: far from it, the solve itself went wrong.
+        # The proven cost must be close to the solver's; otherwise the solve itself failed.
         if proven <= _LARGEST_COST_RATIO * answer.tau:
             return K, proven, SolverStatus.SOLVED
         return none, answer.tau, SolverStatus.CHECK_FAILED
@@ -142,7 +142,7 @@ class RobustController:
 
 @njit(cache=True)
 def _gain(P: Matrix, Y: Matrix) -> Matrix:
-    """K = Y P^-1 (m, 3); not numbers where P has no inverse."""
+    """K = Y P^-1 (m, 3); NaN if P is singular."""
     if not (np.isfinite(P).all() and np.linalg.det(P) > 0.0):
         return np.full_like(Y, np.nan)
     return np.ascontiguousarray(np.linalg.solve(P, Y.T).T)

@@ -1,4 +1,4 @@
-"""The semidefinite program of the robust MPC, (51)-(54): its inequalities, and how a step's numbers get into them.
+"""The semidefinite program of the robust MPC, (51)-(54): its inequalities, and the numbers of each step.
 
 With P = tau W^-1, where W is the cost-to-go, and Y = K P, in scaled units with Q = I, R = rho I: minimise tau so that
 
@@ -7,9 +7,9 @@ With P = tau W^-1, where W is the cost-to-go, and Y = K P, in scaled units with 
     [[P - X1 - X2 - Z, (A P + B Y)'], [*, P - H E H']] >= 0,                   the decrease
     [[1, e_j'Y/u_j], [*, P]] >= 0 for each input j,  [[1, z'], [*, P]] >= 0.   the bounds and the start
 
-This is (51)-(54) with three changes, none of which makes it more conservative: G = P, which loses nothing; the arrow
-(63) split into a small block for each of its arms; and in place of epsilon a matrix E that commutes with Lambda, which
-also covers lambda_f != lambda_r.
+This is (51)-(54) with three changes, none of which makes it more conservative: G = P, without loss; the arrow
+(63) is split into one small block per arm; and a matrix E that commutes with Lambda replaces epsilon, which also covers
+lambda_f != lambda_r.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,21 +29,21 @@ Pair = tuple[int, int]
 
 N = 3
 _COST_UNIT = 300.0
-"""The program counts tau in this unit, a usual cost of a deviation of one: so tau is near one as well."""
+"""Unit of tau in the program, a typical cost of a unit deviation, so that tau is near one as well."""
 _UNCERTAINTY, _DECREASE, _START, _FIRST_BOUND = 2, 3, 4, 5
-"""Blocks of the program; those of the stage cost, which never change, are 0 and 1."""
+"""Indices of the blocks; blocks 0 and 1, of the stage cost, never change."""
 _TRIANGLE = tuple((i, j) for j in range(N) for i in range(j + 1))
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the solver found, unchecked, in scaled units.
+    """The solver's result, uncertified, in scaled units.
 
     Attributes:
         P: (3, 3) ellipsoid `chi' P^-1 chi <= 1`.
         Y: (m, 3), `K P`.
         tau: cost of the deviation.
-        status: how the solver ended.
+        status: outcome of the solver.
         iterations: of the solver.
     """
 
@@ -55,13 +55,13 @@ class Answer:
 
 
 class RobustProgram:
-    """The program with its structure set up once; each solve writes its numbers into it.
+    """The program: the structure is set up once; each solve writes its numbers into it.
 
     Args:
         m: number of inputs.
         input_weight: rho.
-        independent: lambda_f and lambda_r vary on their own; else lambda_f = lambda_r as in the paper.
-        bounded: with the input bounds.
+        independent: lambda_f and lambda_r vary independently; otherwise lambda_f = lambda_r as in the paper.
+        bounded: whether the input bounds are included.
         tolerance: of the solver.
         max_iterations: of the solver.
     """
@@ -76,7 +76,7 @@ class RobustProgram:
         tolerance: float,
         max_iterations: int,
     ) -> None:
-        # E commutes with Lambda where it joins only what the same lambda scales.
+        # E commutes with Lambda if it couples only components scaled by the same lambda.
         self._multiplier = [(i, j) for i, j in _TRIANGLE if not independent or (i == 2) == (j == 2)]
         v = self._variables = _Variables(m, self._multiplier)
         blocks = list(_blocks(v, input_weight, m if bounded else 0))
@@ -103,9 +103,9 @@ class RobustProgram:
         """Solve for one step.
 
         Args:
-            model: of m inputs, in scaled units.
+            model: model with m inputs, in scaled units.
             z: (3,) deviation in scaled units, of length one.
-            room: (m,) room u_j of each input in scaled units; not looked at without bounds.
+            room: (m,) room u_j of each input in scaled units; ignored without bounds.
         """
         self._set(model, z, room)
         solution = self._program.solve()
@@ -125,11 +125,11 @@ class RobustProgram:
 
 @njit(cache=True)
 def _numbers(A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, pairs: NDArray[np.intp]) -> Vector:
-    """The coefficients that a model gives: of the step, of the uncertainty, and of E in `-H E H'` for its `pairs`."""
+    """Return a model's coefficients: of the step, of the uncertainty, and of E in `-H E H'` for its `pairs`."""
     inputs = B.shape[1]
     numbers = np.empty(2 * N * N * (N + inputs) + len(_TRIANGLE) * len(pairs))
     place = 0
-    # H and N share a factor at will; with columns and rows of one length E is near one.
+    # H and N can be scaled against each other; with columns and rows of equal length, E is near one.
     balance = np.empty(N)
     for k in range(N):
         row = np.sqrt((N1[k] ** 2).sum() + (N2[k] ** 2).sum())
@@ -153,7 +153,7 @@ def _numbers(A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, pairs: NDA
 
 
 class _Variables:
-    """Which place in the program's vector of variables is what."""
+    """Indices into the program's vector of variables."""
 
     def __init__(self, m: int, multiplier: Sequence[Pair]) -> None:
         self.m = m
@@ -184,7 +184,7 @@ def _triangle(i: int, j: int) -> int:
 
 
 def _transposed_step(v: _Variables) -> Iterator[tuple[int, int, int]]:
-    """Row, column and variable of each coefficient of `(F P + G Y)'`: F (3, 3) row by row, then G (3, m)."""
+    """Yield row, column and variable of each coefficient of `(F P + G Y)'`: F (3, 3) row by row, then G (3, m)."""
     for row in range(N):
         for column in range(N):
             for k in range(N):
@@ -196,7 +196,7 @@ def _transposed_step(v: _Variables) -> Iterator[tuple[int, int, int]]:
 
 
 def _blocks(v: _Variables, rho: float, bounds: int) -> Iterator[tuple[int, list[Entry]]]:
-    """The blocks in their order, each its size and entries; what changes from step to step is 0 here."""
+    """Yield size and entries of each block in order; coefficients that change from step to step are 0 here."""
     shrink = 1.0 / np.sqrt(_COST_UNIT)
     yield (
         N + v.m,

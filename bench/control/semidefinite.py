@@ -1,8 +1,8 @@
-"""A small semidefinite program whose data change at every step while its structure stays.
+"""A small semidefinite program with constant structure whose data change at every step.
 
 `min c'x` subject to `F_k(x) >= 0` (positive semidefinite) for a few small symmetric blocks, each affine in x.
-Clarabel is called directly: the structure is analysed once and each solve rewrites numbers in place, since
-building the problem through a modelling layer costs more than solving it.
+Clarabel is called directly: the structure is analysed once and each solve updates numbers in place, because building
+the problem with a modelling layer takes longer than solving it.
 """
 
 from collections.abc import Sequence
@@ -44,10 +44,10 @@ class Entry:
 
 @dataclass(frozen=True)
 class Solution:
-    """What the solver returned.
+    """The result of the solver.
 
     Attributes:
-        status: how it ended.
+        status: outcome.
         x: the variables.
         iterations: interior-point iterations.
     """
@@ -58,12 +58,12 @@ class Solution:
 
 
 class SemidefiniteProgram:
-    """`min c'x`, every block positive semidefinite, solved again and again with new numbers.
+    """`min c'x` with every block positive semidefinite, solved repeatedly with new numbers.
 
     Args:
         cost: (n,) c.
-        blocks: for each block its size and its entries (upper triangle, `row <= column`). Every variable an entry
-            may ever have must be listed, with coefficient 0 where it is 0 today.
+        blocks: size and entries (upper triangle, `row <= column`) of each block. Every variable that an entry may ever
+            contain must be listed, with coefficient 0 if it is initially 0.
         tolerance: feasibility and gap tolerance of the solver.
         max_iterations: limit on interior-point iterations.
     """
@@ -97,7 +97,7 @@ class SemidefiniteProgram:
                     data.append(-scale * coefficient)
             offset += size * (size + 1) // 2
         shape = (offset, cost.size)
-        # The data position of each (row, variable): a matrix of 1-based positions in the same structure.
+        # Data position of each (row, variable): a matrix of 1-based positions with the same structure.
         order = sparse.csc_matrix((np.arange(1, len(data) + 1), (rows, columns)), shape=shape)
         if order.nnz != len(data):
             raise ValueError("an entry lists the same variable twice")
@@ -111,7 +111,7 @@ class SemidefiniteProgram:
         matrix = sparse.csc_matrix((self._data, order.indices, order.indptr), shape=shape)
         settings = clarabel.DefaultSettings()
         settings.verbose = False
-        # Updating the numbers in place needs the structure as given: no presolve, no chordal decomposition.
+        # Updating in place requires the structure as given: no presolve, no chordal decomposition.
         settings.presolve_enable = False
         settings.chordal_decomposition_enable = False
         settings.equilibrate_enable = False
@@ -125,7 +125,7 @@ class SemidefiniteProgram:
         )
 
     def coefficient_positions(self, block: int, entries: Sequence[tuple[int, int, int]]) -> tuple[Indices, Vector]:
-        """Where coefficients live: for each (row, column, variable) its index for `set_coefficients` and its scale."""
+        """Return index (for `set_coefficients`) and scale of the coefficient at each (row, column, variable)."""
         index = [
             self._position[self._first_row[block] + _triangle(row, column), variable]
             for row, column, variable in entries
@@ -133,7 +133,7 @@ class SemidefiniteProgram:
         return np.array(index, dtype=np.intp), np.array([-_scale(row, column) for row, column, _ in entries])
 
     def constant_positions(self, block: int, entries: Sequence[tuple[int, int]]) -> tuple[Indices, Vector]:
-        """Where constants live: for each (row, column) its index for `set_constants` and its scale."""
+        """Return index (for `set_constants`) and scale of the constant at each (row, column)."""
         index = [self._first_row[block] + _triangle(row, column) for row, column in entries]
         return np.array(index, dtype=np.intp), np.array([_scale(row, column) for row, column in entries])
 
@@ -154,12 +154,12 @@ class SemidefiniteProgram:
 
 
 def _triangle(row: int, column: int) -> int:
-    """Place of an upper-triangle entry when columns are stacked."""
+    """Return the index of an upper-triangle entry in column-stacked order."""
     if row > column:
         raise ValueError(f"entry ({row}, {column}) is below the diagonal")
     return column * (column + 1) // 2 + row
 
 
 def _scale(row: int, column: int) -> float:
-    """Off-diagonal entries stand twice in the inner product of symmetric matrices."""
+    """Off-diagonal entries count twice in the inner product of symmetric matrices."""
     return 1.0 if row == column else float(np.sqrt(2.0))

@@ -1,6 +1,6 @@
-"""What a user can set of planner and tracker, each with its range, and what of it must go together.
+"""Settings of planner and tracker with their ranges and consistency checks.
 
-By themselves, so that reading a scenario need not load the controllers, which takes longer than all else.
+A separate module, so that reading a scenario does not load the controllers, which is slow.
 """
 
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ Pair = tuple[Annotated[float, Ge(1e-3), Le(20)], Annotated[float, Ge(1e-3), Le(2
 
 
 class CostWeights(NamedTuple):
-    """The weights of a candidate's cost; see `GeneticSettings`, where each is `<name>_weight`."""
+    """Weights of a candidate's cost, `<name>_weight` in `GeneticSettings`."""
 
     position: float
     velocity: float
@@ -37,11 +37,11 @@ class GeneticSettings:
     """Settings of the search.
 
     Attributes:
-        population: candidates in a generation.
-        generations: how often they are bred.
-        horizon_steps: N_t, steps of a rollout.
+        population: number of candidates per generation.
+        generations: number of generations.
+        horizon_steps: N_t, number of steps of a rollout.
         horizon_step_s: length of such a step.
-        mutation: standard deviation of a mutation, as a share of a gain's range.
+        mutation: standard deviation of a mutation, as a fraction of a gain's range.
         ga: bounds of Ga.
         gb: bounds of Gb; a candidate with Gb < Ga is evaluated with Gb = Ga.
         p11: bounds of the longitudinal position gain, 1/s^2.
@@ -52,7 +52,7 @@ class GeneticSettings:
         velocity_weight: cost of a squared velocity error (s^2/m^2).
         speed_weight: P_1, cost of not using the reachable speed change (s^2/m^2).
         yaw_weight: Q_2, cost of not using the allowed yaw rate (s^2/rad^2).
-        boundary_weight: cost of asking for more yaw rate than allowed (s^2/rad^2).
+        boundary_weight: cost of requesting a yaw rate above the limit (s^2/rad^2).
     """
 
     population: Annotated[int, Ge(4), Le(200)] = 24
@@ -73,10 +73,10 @@ class GeneticSettings:
     boundary_weight: Weight = 20.0
 
     def __post_init__(self) -> None:
-        """Refuse bounds that are the wrong way round.
+        """Check the bounds.
 
         Raises:
-            ValueError: the lower bound of a gain is above its upper one, or Ga may be larger than Gb ever can.
+            ValueError: a lower bound is above its upper bound, or the upper bound of Ga is above that of Gb.
         """
         for name in ("ga", "gb", "p11", "p12", "p21", "p22"):
             lower, upper = getattr(self, name)
@@ -84,16 +84,16 @@ class GeneticSettings:
                 raise ValueError(f"{name} = [{lower}, {upper}] must be [lower, upper]")
         if self.ga[1] > self.gb[1]:
             raise ValueError(
-                f"ga reaches {self.ga[1]} and gb only {self.gb[1]}: Gb must not be below Ga, so gb must reach as far"
+                f"ga has upper bound {self.ga[1]} and gb only {self.gb[1]}: Gb must not be below Ga; raise gb"
             )
 
     def bounds(self) -> tuple[Vector, Vector]:
-        """Lower and upper bounds (6,) of Lambda."""
+        """Return lower and upper bounds (6,) of Lambda."""
         pairs = np.array([self.ga, self.gb, self.p11, self.p12, self.p21, self.p22], dtype=np.float64)
         return pairs[:, 0].copy(), pairs[:, 1].copy()
 
     def weights(self) -> CostWeights:
-        """The weights of the cost, for the compiled rollout."""
+        """Return the weights of the cost for the compiled rollout."""
         return CostWeights(*(float(getattr(self, f"{name}_weight")) for name in CostWeights._fields))
 
 
@@ -102,21 +102,22 @@ class PlannerSettings:
     """Settings of the planner.
 
     Attributes:
-        planning_interval_s: how often the gains are optimised; a multiple of the cycle.
-        gain_share: how far the gains in use go towards the optimised ones at each interval: in one go (1), the
-            references would have a step at each.
+        planning_interval_s: interval of the optimisation of the gains; a multiple of the cycle.
+        gain_share: fraction by which the gains in use move towards the optimised ones per interval; 1 would make the
+            references jump.
         near_identity_length_m: l of the near-identity diffeomorphism.
-        adhesion: the tyre-road adhesion mu_a that the planner reckons with.
-        boundary_share: part of the stability boundaries that a reference may use; the rest is for tracking errors.
-        acceleration_max_mps2: largest acceleration and braking asked for.
-        yaw_acceleration_max_radps2: largest change of the yaw rate asked for.
-        speed_min_mps: lowest speed asked for.
-        speed_max_mps: highest speed asked for.
-        slow_down_mps2: braking of a vehicle that slows down in its lane, as it cannot take part any more.
-        emergency_braking_mps2: largest braking of one that keeps clear of a vehicle ahead that cannot be trusted.
-        rejoin_error_m: distance to its slot that a vehicle acts on while it comes back to it, so that it comes slowly.
+        adhesion: tyre-road adhesion mu_a assumed by the planner.
+        boundary_share: fraction of the stability boundaries that a reference may use; the remainder allows for tracking
+            errors.
+        acceleration_max_mps2: largest commanded acceleration and braking.
+        yaw_acceleration_max_radps2: largest commanded change of the yaw rate.
+        speed_min_mps: lowest commanded speed.
+        speed_max_mps: highest commanded speed.
+        slow_down_mps2: braking of a vehicle that leaves the platoon and slows down in its lane.
+        emergency_braking_mps2: largest braking to keep clear of an untrusted vehicle ahead.
+        rejoin_error_m: limit of the position error that a rejoining vehicle acts on, so that it approaches slowly.
         sigma_eps: eps of the sigma-norm.
-        reach_factor: r / d, how far neighbours are heard, in gaps.
+        reach_factor: r / d, range of the interaction with neighbours, in gaps.
         bump_flat: G_h of the bump function.
         genetic: settings of the search.
     """
@@ -144,15 +145,15 @@ class TrackerSettings:
     """Settings of the tracker.
 
     Attributes:
-        offset_free: use the disturbance estimate in the target; false only to show what it is good for.
-        independent_axles: guard against lambda_f and lambda_r each in [-1, 1] on its own;
-            false is the paper's lambda_f = lambda_r.
+        offset_free: use the disturbance estimate in the target; false only to show its effect.
+        independent_axles: robust against independent lambda_f and lambda_r in [-1, 1]; false assumes
+            lambda_f = lambda_r as in the paper.
         observer_rate: decay rate rho of the observer's error in one cycle.
         steering_max_rad: largest front steering angle.
         steering_rate_max_radps: its largest rate.
         wheel_force_max_n: largest drive or brake force of one wheel.
         wheel_force_rate_max_nps: its largest rate.
-        yaw_moment_share: part of the wheels' force set aside for the yaw moment.
+        yaw_moment_share: fraction of the wheel forces reserved for the yaw moment.
         speed_unit_mps: deviation in v_x that costs as much in the robust MPC as one unit of the others.
         lateral_speed_unit_mps: the same for v_y.
         yaw_rate_unit_radps: the same for gamma.
@@ -160,7 +161,7 @@ class TrackerSettings:
         force_unit_n: the same for the total drive force.
         yaw_moment_unit_nm: the same for the yaw moment.
         input_weight: weight R of the inputs against Q = I.
-        solver_tolerance: of the semidefinite programme; its answer is certified whatever this is.
+        solver_tolerance: of the semidefinite programme; its result is certified in any case.
         solver_max_iterations: of the semidefinite programme.
     """
 
@@ -184,7 +185,7 @@ class TrackerSettings:
 
 
 def check_length(length: float, speed: float, step_s: float) -> None:
-    """Refuse an l (m) that makes (15) unstable at a speed (m/s) and step (s).
+    """Reject an l (m) that makes (15) unstable at a speed (m/s) and step (s).
 
     Raises:
         ValueError: l is not in (v T/2, 1): the yaw pole of the Euler step is 1 - v T/l.
@@ -197,7 +198,7 @@ def check_length(length: float, speed: float, step_s: float) -> None:
 
 
 def planning_cycles(interval_s: float, step_s: float) -> int:
-    """How many cycles a planning interval has.
+    """Return the number of cycles in a planning interval.
 
     Raises:
         ValueError: the interval is not a multiple of the cycle.

@@ -1,7 +1,7 @@
-"""What numba has compiled of older sources is thrown away before anything loads it.
+"""Deletes code that numba compiled from older sources, before it is loaded.
 
-numba compiles a function anew where its own file has changed, but not where a function that it calls has (a limit that
-its documentation states), and it cannot read compiled code that names a class which is gone.
+numba recompiles a function if its own file has changed, but not if a function that it calls has (a documented limit),
+and it cannot load compiled code that refers to a deleted class.
 """
 
 from contextlib import suppress
@@ -9,10 +9,10 @@ from pathlib import Path
 
 
 def drop_stale(folder: Path) -> None:
-    """Remove the compiled code beside the sources in `folder` that is older than the newest of them."""
+    """Delete compiled code of the sources in `folder` that is older than the newest source."""
     newest = max((source.stat().st_mtime_ns for source in folder.glob("*.py")), default=0)
     for compiled in folder.glob("__pycache__/*.nb[ic]"):
-        # Another process may have removed it, or it belongs to somebody else.
+        # Another process may have deleted it, or another user owns it.
         with suppress(OSError):
             if compiled.stat().st_mtime_ns < newest:
                 compiled.unlink()

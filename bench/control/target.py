@@ -1,10 +1,10 @@
-"""The steady-state target: where the disturbed model can rest, as near the reference as the inputs allow.
+"""The steady-state target: the steady state of the disturbed model closest to the reference within the input limits.
 
-(47)-(49) in deviations from the reference, as Muske and Badgwell (2002) state it: `xi_t = A xi_t + B U_t + d`.
-Speed and yaw rate have no offset wherever the inputs can bring that about, which is a constraint and not a
-weight; v_y takes the value that this needs. Where the inputs cannot, which is mostly a rate limit that passes,
-the target stays there with the inputs that come nearest to holding it: the longitudinal motion is almost an
-integrator, and a force too small by a little would rest only at an absurd speed.
+(47)-(49) in deviations from the reference, as in Muske and Badgwell (2002): `xi_t = A xi_t + B U_t + d`. The offset of
+speed and yaw rate is constrained to zero, and v_y takes the required value. While the input limits make that
+infeasible, mostly a temporary rate limit, the target stays near zero offset with the inputs that hold it best: the
+longitudinal motion is almost an integrator, and with a slightly insufficient force its steady state would be an absurd
+speed.
 """
 
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ Matrix = NDArray[np.float64]
 _TRACKED = (0, 2)
 """v_x and gamma."""
 _DRIFT_COST = 1e6
-"""Cost of leaving the target by one unit a step, against 1 for an input at its limit, where it cannot be held."""
+"""Cost of drifting from the target by one unit per step, if it cannot be held; an input at its limit costs 1."""
 _SIDE_SLIP_COST = 1e-3
-"""Cost of a target v_y of one unit: inputs are preferred to be small rather than v_y."""
+"""Cost of a target v_y of one unit: small inputs take priority over small v_y."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Target:
     Attributes:
         xi: (3,) state target xi_t.
         u: (3,) virtual input target U_t.
-        solved: a quadratic programme was solved.
+        solved: whether a quadratic programme was solved.
     """
 
     xi: Vector
@@ -50,7 +50,7 @@ def steady_state_target(
     state_unit: Vector,
     input_unit: Vector,
 ) -> Target:
-    """Solve the target problem; where no programme is solved, the reference itself inside the bounds is the target.
+    """Solve the target problem; if no programme is solved, the target is the reference, clipped to the bounds.
 
     Args:
         A: (3, 3) nominal model.

@@ -37,11 +37,11 @@ class TrackerOutput:
         reference_u: (3,) reference input [delta, F, M].
         disturbance: (3,) estimate [m/s^2, m/s^2, rad/s^2].
         target: (3,) steady-state target, deviation from the reference.
-        tau: certified bound of the worst cost; 0 where no programme was certified.
-        status: how the semidefinite programme ended.
-        source: where the feedback came from.
+        tau: certified bound of the worst-case cost; 0 if no programme was certified.
+        status: outcome of the semidefinite programme.
+        source: source of the feedback gain.
         iterations: of the solver.
-        solve_s: wall-clock time of the semidefinite programme with its certificate, s.
+        solve_s: wall-clock time of the semidefinite programme including its certificate, s.
     """
 
     u: Vector
@@ -60,7 +60,7 @@ class TrackerOutput:
 
 @dataclass(frozen=True)
 class _Step:
-    """What the observer needs of a step once it is known what was applied."""
+    """Data of a step that the observer needs once the applied input is known."""
 
     A: Matrix
     B: Matrix
@@ -81,8 +81,8 @@ class Tracker:
         ValueError: the observer rate cannot be reached.
     """
 
-    # Per squared unit of state, and of each input's limit: the next reference is met, v_y least exactly, and by
-    # steering rather than by yaw moment.
+    # Weights per squared unit of the states, and of the inputs relative to their limits: meet the next reference, with
+    # low weight on v_y, by steering rather than by yaw moment.
     _REFERENCE_STATE = np.array([1.0, 1e-3, 10.0])
     _REFERENCE_INPUT = np.array([1e-7, 1e-7, 1e-5])
     _OBSERVER_SPEEDS_MPS = (5.0, 10.0, 20.0, 40.0)
@@ -122,14 +122,13 @@ class Tracker:
     def step(
         self, xi: Vector, now: tuple[float, float], then: tuple[float, float], applied: Vector | None = None
     ) -> TrackerOutput:
-        """One cycle.
+        """Run one cycle.
 
         Args:
             xi: (3,) measured state [v_x, v_y, gamma].
             now: this cycle's reference (v_x, gamma), m/s and rad/s.
             then: the next cycle's.
-            applied: (3,) virtual input the actuators really applied since the last step, where it was not the
-                one returned then.
+            applied: (3,) virtual input actually applied since the last step; None if it was the one returned then.
         """
         xi = np.array([max(xi[0], SLOWEST_MPS), xi[1], xi[2]])
         xi_ref, xi_next = self._reference_state(now), self._reference_state(then)
@@ -193,7 +192,7 @@ class Tracker:
         return np.array([v_x, self.model.steady_lateral_velocity(v_x, gamma), gamma])
 
     def _target(self, A: Matrix, B: Matrix, known: Vector, u_ref: Vector, u_last: Vector) -> Target:
-        # A little of each input's range is kept for the feedback, whose bounds are symmetric about the target.
+        # Part of each input's range is reserved for the feedback, whose bounds are symmetric about the target.
         limit = 0.95 * self._allocation.limit
         lower = np.maximum(-limit, np.minimum(u_last, limit) - self._rate)
         upper = np.minimum(limit, np.maximum(u_last, -limit) + self._rate)
@@ -205,7 +204,7 @@ class Tracker:
         return self._controller.solve(linear, chi, room)
 
     def _choose(self, gain: Gain, A: Matrix, B: Matrix) -> tuple[Matrix, GainSource]:
-        """The certified gain of this step, else the last certified one, else the nominal linear-quadratic one."""
+        """Return the certified gain of this step, else the last certified gain, else the nominal LQR gain."""
         if gain.usable:
             self._gain_last = gain.K
             return gain.K, GainSource.SDP

@@ -1,8 +1,8 @@
-"""The control model: three states, linear tyres, and what cornering stiffness does to it.
+"""The control model: three states, linear tyres, and uncertain cornering stiffness.
 
 Equations (16)-(20) and (24)-(26) of Zhuang, Xu, Yin (2020), corrected: the rear lateral force is
-`C_r (l_r gamma - v_y) / v_x` (the paper's sign makes the car unstable), and the uncertainty enters through
-the lateral force of each axle alone, once with `lambda_f` and once with `lambda_r`.
+`C_r (l_r gamma - v_y) / v_x` (the paper's sign makes the car unstable), and the uncertainty enters only
+through the lateral force of each axle, once with `lambda_f` and once with `lambda_r`.
 
 State `xi = [v_x, v_y, gamma]` (m/s, m/s, rad/s) and input `U = [delta, F_x1, F_x2, F_x3, F_x4]` (rad, N), in
 ISO 8855 vehicle axes, wheels in the paper's order: 1 front left, 2 rear left, 3 rear right, 4 front right.
@@ -23,8 +23,8 @@ STATES = 3
 INPUTS = 5
 
 NUMBERS = ("M", "I_z", "l_f", "l_r", "l_t", "Cf2", "Cr2", "C_a", "variation", "T")
-"""The order of what the compiled functions take of a vehicle: Cf2 and Cr2 are of an axle, its two tyres together, T is
-the sampling time. A vector and no named tuple, which costs several times as much to hand over."""
+"""Order of the vehicle parameters in the vector for the compiled functions: Cf2 and Cr2 are for both tyres of an axle,
+T is the sampling time. A vector, because passing a named tuple takes several times as long."""
 
 _T = NUMBERS.index("T")
 
@@ -35,14 +35,14 @@ class LinearModel:
 
     `Lambda = diag(lambda_f, lambda_f, lambda_r)` with each lambda in [-1, 1]. The first column of H is the effect of
     the front axle's lateral force, the second of its drag when steered, the third of the rear axle's lateral force.
-    The paper's H, N1 and N2 (26) miss the factor 2T and have spurious entries.
+    The paper's H, N1 and N2 (26) lack the factor 2T and have spurious entries.
 
     Attributes:
         A: (3, 3), nominal.
         B: (3, m), nominal; columns per rad and per N for m = 5.
-        H: (3, 3), where the uncertainty enters the state.
-        N1: (3, 3), how the state drives it.
-        N2: (3, m), how the input drives it.
+        H: (3, 3), effect of the uncertain forces on the state.
+        N1: (3, 3), gain from the state to the uncertain forces.
+        N2: (3, m), gain from the input to the uncertain forces.
     """
 
     A: Matrix
@@ -52,24 +52,24 @@ class LinearModel:
     N2: Matrix
 
     def at(self, lambda_f: float, lambda_r: float) -> tuple[Matrix, Matrix]:
-        """A (3, 3) and B (3, m) of a car whose axles are `1 + 0.4 lambda` times as stiff, `lambda` in [-1, 1]."""
+        """Return A (3, 3) and B (3, m) of a car with axle stiffness scaled by `1 + 0.4 lambda`, `lambda` in [-1, 1]."""
         spread = self.H * np.array([lambda_f, lambda_f, lambda_r])
         return self.A + spread @ self.N1, self.B + spread @ self.N2
 
     def with_inputs(self, allocation: Matrix) -> "LinearModel":
-        """The same model driven by u, where `U = allocation @ u`, allocation (5, m)."""
+        """Return the same model with input u, where `U = allocation @ u`, allocation (5, m)."""
         return LinearModel(self.A, self.B @ allocation, self.H, self.N1, self.N2 @ allocation)
 
 
 class VehicleModel:
-    """The paper's vehicle as the controllers know it: nominal parameters, no load transfer, no slip.
+    """The paper's vehicle as the controllers model it: nominal parameters, no load transfer, no slip.
 
     Args:
         vehicle: the nominal parameters (Table 1).
         step_s: sampling time T of the discrete model, s.
 
     Attributes:
-        numbers: (10,) what the compiled `derivative`, `step` and `linearise` take of the vehicle, see `NUMBERS`.
+        numbers: (10,) vehicle parameters for the compiled `derivative`, `step` and `linearise`, see `NUMBERS`.
     """
 
     def __init__(self, vehicle: VehicleParameters, step_s: float) -> None:
@@ -140,7 +140,7 @@ def linearise(numbers: Vector, xi: Vector, U: Vector) -> tuple[Matrix, Matrix, M
     s = l_r * gamma - v_y
     F_yf = Cf2 * (delta - q / v)
 
-    # How each axle's lateral force moves the state (columns of H), and how the state and the steering move it.
+    # Effect of each axle's lateral force on the state (columns of H), and of state and steering on that force.
     H = np.array([[-T * delta / M, -T * F_yf / M, 0.0], [T / M, 0.0, T / M], [T * l_f / I_z, 0.0, -T * l_r / I_z]])
     front, rear = Cf2 / v, Cr2 / v
     of_state = np.array([[front * q / v, -front, -front * l_f], [0.0, 0.0, 0.0], [-rear * s / v, -rear, rear * l_r]])
