@@ -1,6 +1,6 @@
-"""An FMU as a zip file: what is no FMU is refused before anything of it is used.
+"""An FMU as a zip file: anything that is not an FMU is refused before its content is used.
 
-FMI 2.0.4, section 2.3, and FMI 3.0.1, section 2.5: what lies where in the archive.
+FMI 2.0.4, section 2.3, and FMI 3.0.1, section 2.5: the layout of the archive.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from platoon_fmu.errors import FmuError
 DESCRIPTION = "modelDescription.xml"
 LIBRARY_SUFFIXES = (".so", ".dll", ".dylib")
 
-#: The most that an FMU may hold when unpacked [byte]: what the disk of any machine that runs this has to spare.
+#: Largest allowed size of an unpacked FMU [byte]: any machine that runs this has so much free disk space.
 LARGEST_SIZE = 2 * 1024**3
 
 # What zipfile raises on a member that is damaged, encrypted, or packed by an unknown method.
@@ -26,11 +26,11 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplem
 
 
 def check_archive(fmu: Path) -> None:
-    """Refuses a file that is no FMU at all, or one for which nothing here is made.
+    """Refuses a file that is not an FMU, or one of an unsupported version.
 
     Raises:
-        FmuError: it is missing, no zip file, damaged, too large, would be unpacked elsewhere, or its
-            modelDescription.xml is missing, no XML, not of FMI, or of another version than 2.0 and 3.0.
+        FmuError: it is missing, not a zip file, damaged, too large, would unpack outside its folder, or its
+            modelDescription.xml is missing, not XML, not FMI, or of a version other than 2.0 and 3.0.
     """
     with _opened(fmu) as archive:
         _check_description(fmu, archive)
@@ -40,7 +40,7 @@ def unpack(fmu: Path, folder: Path) -> None:
     """Unpacks an FMU.
 
     Raises:
-        FmuError: as `check_archive`, and where a member is damaged or there is no room for it.
+        FmuError: as `check_archive`, or a member is damaged or the disk is full.
     """
     with _opened(fmu) as archive:
         _check_description(fmu, archive)
@@ -55,10 +55,10 @@ def unpack(fmu: Path, folder: Path) -> None:
 
 
 def read_description(fmu: Path) -> Any:
-    """What fmpy reads of an FMU's modelDescription.xml.
+    """An FMU's modelDescription.xml as parsed by fmpy.
 
     Raises:
-        FmuError: as `check_archive`, or fmpy makes nothing of it.
+        FmuError: as `check_archive`, or fmpy cannot parse it.
     """
     import fmpy
 
@@ -66,9 +66,9 @@ def read_description(fmu: Path) -> Any:
     try:
         return fmpy.read_model_description(str(fmu), validate=False)
     except Exception as error:
-        # A file that the standard's schema refuses fails at no place that could be foreseen.
+        # A file that violates the standard's schema can fail anywhere in fmpy.
         reason = _first_problem(fmu) or one_line(error)
-        raise FmuError(f"{fmu} is no FMU that can be read: its {DESCRIPTION} is at fault: {reason}") from error
+        raise FmuError(f"{fmu} is not a readable FMU: its {DESCRIPTION} is invalid: {reason}") from error
 
 
 def _first_problem(fmu: Path) -> str:
@@ -81,22 +81,22 @@ def member_names(fmu: Path) -> list[str]:
     """The names of all files in an FMU.
 
     Raises:
-        FmuError: the file is missing or no zip file.
+        FmuError: the file is missing or not a zip file.
     """
     with _opened(fmu) as archive:
         return archive.namelist()
 
 
 def interface_types(content: bytes) -> dict[str, dict[str, str]]:
-    """The attributes of a modelDescription.xml's interface types, as they stand: the capability flags among them.
+    """The raw attributes of a modelDescription.xml's interface types, including the capability flags.
 
-    fmpy's reading knows not all of them by FMI 3.0's names.
+    fmpy does not parse all of them under their FMI 3.0 names.
 
     Args:
         content: of a modelDescription.xml.
 
     Returns:
-        by the element's name (`ModelExchange`, `CoSimulation`, `ScheduledExecution`) its attributes by name.
+        attributes by name, for each element by its name (`ModelExchange`, `CoSimulation`, `ScheduledExecution`).
     """
     root = ElementTree.fromstring(content)
     tags = ("ModelExchange", "CoSimulation", "ScheduledExecution")
@@ -115,7 +115,7 @@ def description_text(fmu: Path) -> bytes:
 
 
 def platforms(names: Iterable[str]) -> tuple[str, ...]:
-    """The platforms that an FMU has a binary for, as its folders of binaries/ call them, sorted.
+    """The platforms for which an FMU has a binary, sorted, named as its folders in binaries/.
 
     Args:
         names: of the files in the FMU.
@@ -141,7 +141,7 @@ def _opened(fmu: Path) -> Iterator[zipfile.ZipFile]:
     except OSError as error:
         raise FmuError(f"{fmu} cannot be read: {error.strerror or error}") from error
     except _UNREADABLE as error:
-        raise FmuError(f"{fmu}: not a zip file, or one that is cut off, so not an FMU") from error
+        raise FmuError(f"{fmu}: not an FMU: not a zip file, or a truncated one") from error
     with archive:
         _check_members(fmu, archive.infolist())
         yield archive
@@ -149,33 +149,35 @@ def _opened(fmu: Path) -> Iterator[zipfile.ZipFile]:
 
 def _check_members(fmu: Path, members: list[zipfile.ZipInfo]) -> None:
     for member in members:
-        # Where a system's separator is another, zipfile has changed `filename` already.
+        # On systems with a different separator, zipfile has already changed `filename`.
         name = member.orig_filename
         if name.startswith("/") or any(part in ("..", "") for part in name.rstrip("/").split("/")):
-            raise FmuError(f"{fmu}: its member {name!r} would be unpacked outside of its folder")
+            raise FmuError(f"{fmu}: its member {name!r} would be unpacked outside its folder")
         if "\\" in name or ":" in name:
-            raise FmuError(f"{fmu}: the name of its member {name!r} has a character that no path in an FMU may have")
+            raise FmuError(
+                f"{fmu}: the name of its member {name!r} has a character that is not allowed in an FMU's paths"
+            )
     size = sum(member.file_size for member in members)
     if size > LARGEST_SIZE:
         largest = f"{LARGEST_SIZE / 1024**3:g} GiB"
-        raise FmuError(f"{fmu}: unpacked it would be {size / 1024**3:.1f} GiB large; allowed: up to {largest}")
+        raise FmuError(f"{fmu}: its unpacked size is {size / 1024**3:.1f} GiB; allowed: up to {largest}")
 
 
 def _check_description(fmu: Path, archive: zipfile.ZipFile) -> None:
     try:
         content = archive.read(DESCRIPTION)
     except KeyError:
-        raise FmuError(f"{fmu} is no FMU: it has no {DESCRIPTION}") from None
+        raise FmuError(f"{fmu} is not an FMU: it has no {DESCRIPTION}") from None
     except _UNREADABLE as error:
         raise FmuError(f"{fmu}: its member {DESCRIPTION} is damaged: {error}") from error
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise FmuError(f"{fmu} is no FMU: its {DESCRIPTION} is no XML: {error}") from error
+        raise FmuError(f"{fmu} is not an FMU: its {DESCRIPTION} is not XML: {error}") from error
     version = root.get("fmiVersion")
     if root.tag != "fmiModelDescription":
-        raise FmuError(f"{fmu} is no FMU: its {DESCRIPTION} has the root <{root.tag}>, not <fmiModelDescription>")
+        raise FmuError(f"{fmu} is not an FMU: its {DESCRIPTION} has the root <{root.tag}>, not <fmiModelDescription>")
     if version is None:
-        raise FmuError(f"{fmu} is no FMU: its {DESCRIPTION} has no fmiVersion")
+        raise FmuError(f"{fmu} is not an FMU: its {DESCRIPTION} has no fmiVersion")
     if version != "2.0" and not version.startswith("3.0"):
         raise FmuError(f"{fmu}: FMI {version} is not supported; allowed: 2.0 and 3.0")

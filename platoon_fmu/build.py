@@ -1,7 +1,7 @@
 """Builds Vehicle.fmu: equations -> C -> binaries -> modelDescription -> zip.
 
-The same inputs give the same bytes. An FMU whose inputs have not changed is not built again; finding that out
-reads a few files and imports nothing heavy.
+The same inputs give the same bytes. An FMU whose inputs have not changed is not rebuilt; checking this reads a few
+files and imports nothing heavy.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ IDENTIFIER = "Vehicle"
 
 _PACKAGE = Path(__file__).resolve().parent
 _PROJECT = _PACKAGE.parent
-# What of this package the FMU's bytes depend on, besides fmi/.
+# The parts of this package on which the FMU's bytes depend, besides fmi/.
 _MODULES = (
     *("build", "codegen", "compilers", "contents", "documentation", "errors", "interface", "model_description"),
     *("parameters", "tyre", "universal", "vehicle", "versions"),
@@ -41,12 +41,12 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Step:
-    """What a build does next.
+    """The next step of a build.
 
     Attributes:
-        done: the number of steps behind it.
-        total: the number of steps of the whole build.
-        text: what it does, with a word on how long that takes where it takes long.
+        done: number of completed steps.
+        total: number of steps of the whole build.
+        text: what it does; if it is slow, also how long it takes.
     """
 
     done: int
@@ -55,26 +55,26 @@ class Step:
 
 
 def _standard_headers(version: Version) -> list[Path]:
-    """The standard's headers (2-clause BSD), which fmpy carries."""
+    """The standard's headers (2-clause BSD), which fmpy includes."""
     found = importlib.util.find_spec("fmpy")
     if found is None or found.origin is None:
-        raise FmuError("the FMI headers come with the package fmpy, which is not installed: pip install fmpy")
+        raise FmuError("the FMI headers are part of the package fmpy, which is not installed: pip install fmpy")
     folder = Path(found.origin).parent / "c-code"
     headers = [folder / name for name in version.headers]
     missing = [path.name for path in headers if not path.is_file()]
     if missing:
-        raise FmuError(f"{folder} lacks {', '.join(missing)}: install fmpy again")
+        raise FmuError(f"{folder} lacks {', '.join(missing)}: reinstall fmpy")
     return headers
 
 
 def _hand_written(version: Version) -> list[Path]:
-    """The C files and headers of fmi/, without the other versions' faces."""
+    """The C files and headers of fmi/, without the API files of the other versions."""
     others = {other.face for other in (FMI2, FMI3)} - {version.face}
     return [path for path in sorted(_PACKAGE.glob("fmi/*.[ch]")) if path.name not in others]
 
 
 def _source_hash(version: Version) -> str:
-    """A hash of the files that the FMU's bytes depend on: this package's and the standard's headers."""
+    """A hash of the files on which the FMU's bytes depend: this package's and the standard's headers."""
     digest = hashlib.sha256()
     own = [_PACKAGE / name for name in (*(f"{module}.py" for module in _MODULES), *_DATA)]
     for path in (*own, *_hand_written(version), *_standard_headers(version)):
@@ -84,7 +84,7 @@ def _source_hash(version: Version) -> str:
 
 
 def _fingerprint(version: Version, chosen: Sequence[Compiler]) -> str:
-    """A hash of all that the FMU's bytes depend on: files and tools."""
+    """A hash of everything on which the FMU's bytes depend: files and tools."""
     tools = {
         "sources": _source_hash(version),
         "casadi": importlib.metadata.version("casadi"),
@@ -100,7 +100,7 @@ def _sha256(path: Path) -> str:
 
 
 def _is_current(fmu: Path, record: Path, fingerprint: str) -> bool:
-    """Whether the FMU is the one that was built from what is here now, and is whole."""
+    """Whether the FMU was built from the current inputs and is complete."""
     if not (fmu.is_file() and record.is_file()):
         return False
     try:
@@ -114,7 +114,7 @@ def _members(version: Version, chosen: Sequence[Compiler], on_step: Callable[[St
     """The FMU's files by path."""
     total = len(chosen) + 1
     on_step(Step(0, total, f"{version.file}: generating the model's C code"))
-    # CasADi takes long to import, and is needed only here.
+    # CasADi is slow to import and only needed here.
     from platoon_fmu import contents
 
     code = contents.sources(version, IDENTIFIER, _hand_written(version), _standard_headers(version))
@@ -136,17 +136,17 @@ def _write_zip(path: Path, members: Mapping[str, bytes]) -> None:
         for name in sorted(members):
             entry = zipfile.ZipInfo(name, date_time=_EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.create_system = 3  # Unix, also where this runs elsewhere
+            entry.create_system = 3  # Unix, on every system
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, members[name], compresslevel=9)
 
 
 @contextmanager
 def _aside(directory: Path) -> Iterator[Path]:
-    """A temporary directory in `directory`, which is made where missing, and unmade again where the work fails.
+    """A temporary directory in `directory`, which is created if missing and removed again if the work fails.
 
     Raises:
-        OSError: there can be none.
+        OSError: it cannot be created.
     """
     missing = [path for path in (directory, *directory.parents) if not path.exists()]
     try:
@@ -170,24 +170,24 @@ def build(
     """Builds an FMU in a directory, unless the one there was built from the same inputs.
 
     Args:
-        directory: where to put it; made where missing. Beside the FMU a small record of its inputs is kept.
-        version: of the standard; it gives the FMU its file's name.
-        platforms: whom the FMU has binaries for: names of `compilers.PLATFORMS`, or `native`.
-        on_step: called if a build is needed, before each of its steps (a few seconds each, if no more is said).
+        directory: where to put it; created if missing. A small record of the FMU's inputs is kept beside it.
+        version: of the standard; it determines the FMU's file name.
+        platforms: for which the FMU gets binaries: names in `compilers.PLATFORMS`, or `native`.
+        on_step: called before each step of a needed build (each takes a few seconds unless its text says otherwise).
 
     Returns:
         The path of the FMU.
 
     Raises:
-        FmuError: no such platform, no C compiler, no FMI headers, or a compiler that fails.
-        OSError: the directory cannot be made or written to; where that shows at once, nothing is built first.
+        FmuError: unknown platform, no C compiler, no FMI headers, or the compiler fails.
+        OSError: the directory cannot be created or written to; checked before building where possible.
     """
     fmu, record = directory / version.file, directory / f"{version.file}.json"
     chosen = compilers(platforms)
     fingerprint = _fingerprint(version, chosen)
     if _is_current(fmu, record, fingerprint):
         return fmu
-    # Written aside and moved into place, so that whoever opens the FMU meanwhile sees a whole one.
+    # Written to a temporary file and renamed, so that a concurrent reader always opens a complete FMU.
     with _aside(directory) as aside:
         new = aside / fmu.name
         _write_zip(new, _members(version, chosen, on_step))
@@ -199,14 +199,14 @@ def build(
 
 
 def in_checkout() -> bool:
-    """Whether this package runs from a checkout of the project, which `make setup` sets up, and is not installed."""
+    """Whether this package runs from a checkout of the project (set up by `make setup`) rather than installed."""
     return (_PROJECT / "pyproject.toml").is_file()
 
 
 def default_directory() -> Path:
-    """Where the FMU is that the bench drives: build/ of a checkout; of an installed package, the user's cache.
+    """The folder of the FMU that the bench drives: build/ of a checkout, or the user's cache for an installed package.
 
-    In the cache each version of this package, and each state of its sources, has a folder of its own.
+    In the cache, each version of this package and each state of its sources has a separate folder.
     """
     if in_checkout():
         return _PROJECT / "build"
@@ -218,21 +218,21 @@ def default_fmu(on_step: Callable[[Step], None] = lambda _: None) -> Path:
     """The FMU in `default_directory` that the bench drives, of FMI 2; an installed package builds it on first use.
 
     Args:
-        on_step: as for `build`, called where it is built now.
+        on_step: as for `build`, called if it has to be built.
 
     Raises:
-        FmuError: in a checkout it has not been built; elsewhere it cannot be built, or cannot be put into the cache.
+        FmuError: in a checkout: it has not been built; installed: it cannot be built or written to the cache.
     """
     directory = default_directory()
     fmu = directory / FMI2.file
     if fmu.is_file():
         return fmu
     if in_checkout():
-        raise FmuError(f"there is no {fmu}: build it with `platoon fmu build` (`make setup` does)")
+        raise FmuError(f"{fmu} does not exist: build it with `platoon fmu build` (`make setup` does this)")
     try:
         return build(directory, on_step=on_step)
     except OSError as error:
         raise FmuError(
-            f"the vehicle FMU cannot be put into {directory}: {error.strerror}; "
-            "name a cache that you can write to in XDG_CACHE_HOME"
+            f"the vehicle FMU cannot be written to {directory}: {error.strerror}; "
+            "set XDG_CACHE_HOME to a writable folder"
         ) from error

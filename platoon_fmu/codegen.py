@@ -23,9 +23,9 @@ class SymbolicModel:
         x, u, p: symbols of states, inputs and parameters (tunable, then start values).
         derivatives, outputs: expressions in x, u, p.
         initial: the states at the start, expressions in p.
-        fastest: the fastest decay there can be, an expression in p.
-        running: Jacobian of states, derivatives and outputs over states and inputs, in x, u, p.
-        beginning: the same over inputs and parameters where the states are those of the start, in u, p.
+        fastest: upper bound of the decay rates [1/s], an expression in p.
+        running: Jacobian of states, derivatives and outputs with respect to states and inputs, in x, u, p.
+        beginning: the same with respect to inputs and parameters, at the initial states, in u, p.
     """
 
     x: Any
@@ -52,15 +52,15 @@ def _in_order(expressions: dict[str, Any], variables: Sequence[Variable]) -> Any
 
 
 def symbolic_model() -> SymbolicModel:
-    """The vehicle's equations with every input and parameter a symbol.
+    """The vehicle's equations with a symbol for every input and parameter.
 
     Raises:
-        ValueError: where `vehicle` and `interface` do not name the same quantities.
+        ValueError: `vehicle` and `interface` do not name the same quantities.
     """
     x, states = _symbols("x", interface.STATES)
     u, inputs = _symbols("u", interface.INPUTS)
     p, parameters = _symbols("p", (*interface.PARAMETERS, *interface.STARTS))
-    # mu_a is no parameter of the FMU: the model must not use it, and no symbol would come up if it did.
+    # mu_a is not a parameter of the FMU, so the model must not use it.
     P = VehicleParameters(**{f.name: parameters.get(f.name, ca.SX.nan()) for f in fields(VehicleParameters)})
     equations = vehicle.equations(states, inputs, P)
     derivatives = _in_order(equations[0], interface.STATES)
@@ -93,9 +93,9 @@ def _dependencies(unknowns: list[str], knowns: list[str], jacobian: Any) -> dict
 
 
 def dependencies(model: SymbolicModel) -> tuple[dict[str, tuple[str, ...]], dict[str, tuple[str, ...]]]:
-    """What every state, derivative and output depends on, by name: while simulating, and while initializing.
+    """The dependencies of every state, derivative and output, by name: during simulation and during initialization.
 
-    While simulating the knowns are states and inputs; while initializing, inputs and parameters.
+    During simulation the knowns are states and inputs; during initialization, inputs and parameters.
     """
     unknowns = _names((*interface.STATES, *interface.DERIVATIVES, *interface.OUTPUTS))
     states, inputs = _names(interface.STATES), _names(interface.INPUTS)
@@ -117,7 +117,7 @@ def equations_c(model: SymbolicModel) -> str:
     generator = ca.CodeGenerator("equations", {"casadi_int": "int"})
     for function in functions:
         generator.add(function)
-    # Nothing but the FMI functions may leave the binary.
+    # The binary must export only the FMI functions.
     return "#define CASADI_SYMBOL_EXPORT\n" + str(generator.dump())
 
 
@@ -221,7 +221,7 @@ def table_c(model: SymbolicModel, token: str) -> str:
 
     Args:
         model: the equations.
-        token: the guid that ties binary and modelDescription together.
+        token: the GUID that binary and modelDescription share.
     """
     parameters = (*interface.PARAMETERS, *interface.STARTS)
     settings = (*interface.SOLVER_SETTINGS, interface.SOLVER)

@@ -1,7 +1,7 @@
-"""The platforms there can be a binary for, and the C compilers that make it.
+"""The platforms for which binaries can be built, and their C compilers.
 
-`native` is this machine, compiled for by the system's compiler. The named platforms are compiled for by zig's, which
-carries headers and C libraries for each of them, so that any machine can make them all.
+`native` is this machine, using the system's compiler. The named platforms use zig's compiler, which includes headers
+and C libraries for each, so that any machine can build for all of them.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ _HERE = Path(__file__).resolve().parent
 
 NATIVE = "native"
 
-# No contraction to fused multiply-adds: every processor then rounds alike, but for sin, cos and atan, which are the C
-# library's. No errno: nobody reads it after sqrt.
+# No contraction to fused multiply-adds: every processor then rounds alike, except in sin, cos and atan, which are the C
+# library's. No errno: nothing reads it after sqrt.
 COMPILER_FLAGS = ("-std=c99", "-O2", "-fPIC", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden")
 
 
@@ -34,9 +34,9 @@ class Platform:
 
     Attributes:
         name: FMI 3.0's platform tuple, section 2.5.1.4.
-        suffix: what the name of a shared library ends with.
-        target: what zig calls it, with the oldest C library or system that the binary runs with.
-        patience: how long zig takes the first time, where that wants saying: it compiles the C library's parts.
+        suffix: of a shared library's file name.
+        target: zig's name for it, with the oldest C library or system on which the binary runs.
+        patience: how long zig takes the first time, if long: it also compiles parts of the C library.
     """
 
     name: str
@@ -59,14 +59,14 @@ PLATFORMS = {
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler that makes shared libraries for one platform.
+    """A C compiler that builds shared libraries for one platform.
 
     Attributes:
         platform: the platform.
-        command: the program and the arguments that go before all others.
-        linking: arguments for linking a shared library without its symbols.
-        identity: what the library's bytes depend on besides the command: the compiler's version.
-        licenses: of what the compiler puts into the library besides the sources' code, by file name.
+        command: the program and its leading arguments.
+        linking: arguments for linking a stripped shared library.
+        identity: the compiler's version, on which the library's bytes depend besides the command.
+        licenses: by file name, of the code that the compiler itself links into the library.
     """
 
     platform: Platform
@@ -76,7 +76,7 @@ class Compiler:
     licenses: Mapping[str, Path] = field(default_factory=dict)
 
     def library(self, name: str, sources: Mapping[str, bytes], inputs: Sequence[str]) -> bytes:
-        """A shared library, compiled in a folder of its own with relative names: no path gets into it.
+        """A shared library, compiled in a separate folder with relative names, so that it contains no paths.
 
         Args:
             name: of the library, without suffix.
@@ -84,7 +84,7 @@ class Compiler:
             inputs: the C files among them to compile.
 
         Raises:
-            FmuError: the compiler fails; the text says what it said.
+            FmuError: the compiler fails; the text contains its output.
         """
         with tempfile.TemporaryDirectory(prefix="vehicle-fmu-") as folder:
             directory = Path(folder)
@@ -96,18 +96,18 @@ class Compiler:
 
 
 def compilers(names: Sequence[str]) -> tuple[Compiler, ...]:
-    """A compiler for each of the platforms named, no platform twice.
+    """A compiler for each named platform, without duplicates.
 
     Args:
-        names: keys of `PLATFORMS`, or `native`; what is named takes precedence over `native` of the same name.
+        names: keys of `PLATFORMS`, or `native`; a named platform takes precedence over `native` of the same name.
 
     Raises:
-        UnknownPlatform: a platform that does not exist, or none at all.
-        FmuError: a compiler that is not installed.
+        UnknownPlatform: an unknown platform, or no platform.
+        FmuError: a compiler is not installed.
     """
     unknown = [name for name in names if name not in (NATIVE, *PLATFORMS)]
     if unknown or not names:
-        raise UnknownPlatform(f"no platform '{', '.join(unknown)}': known are {NATIVE}, {', '.join(PLATFORMS)}")
+        raise UnknownPlatform(f"unknown platform '{', '.join(unknown)}'; allowed: {NATIVE}, {', '.join(PLATFORMS)}")
     found = [_zig(platform) for platform in PLATFORMS.values() if platform.name in names]
     if NATIVE in names and this_platform().name not in names:
         found.append(_system())
@@ -115,7 +115,7 @@ def compilers(names: Sequence[str]) -> tuple[Compiler, ...]:
 
 
 def this_platform() -> Platform:
-    """The machine this runs on.
+    """The platform of this machine.
 
     Raises:
         FmuError: its binary cannot be built here.
@@ -138,12 +138,11 @@ def _system() -> Compiler:
     for name in ("cc", "gcc", "clang"):
         path = shutil.which(name)
         if path is not None:
-            # Apple's linker knows no -s any more.
+            # Apple's linker no longer supports -s.
             strip = () if here.suffix == ".dylib" else ("-s",)
             return Compiler(here, (path,), ("-shared", *strip, "-lm"), _run([path, "--version"], _HERE))
     raise FmuError(
-        "no C compiler found (looked for cc, gcc, clang), which building the FMU needs; "
-        "on Debian: apt install gcc libc6-dev"
+        "no C compiler found (tried cc, gcc, clang); building the FMU needs one; on Debian: apt install gcc libc6-dev"
     )
 
 

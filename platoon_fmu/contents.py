@@ -1,6 +1,6 @@
-"""What Vehicle.fmu holds besides binaries: sources, descriptions, icons, documentation.
+"""The content of Vehicle.fmu besides binaries: sources, descriptions, icons, documentation.
 
-The model's C code and the page of documentation are generated once for all versions of the standard.
+The model's C code and the documentation page are generated once for all versions of the standard.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from platoon_fmu import codegen, documentation, model_description
 from platoon_fmu.versions import Version
 
 _PACKAGE = Path(__file__).resolve().parent
-# Of the model, not of the package that holds it: it changes with equations and variables.
+# The model's version, not the package's: it changes with equations and variables.
 _VERSION = "1.0"
-# The icon's picture is a square of this side; millimetres tell a tool how large to draw it.
+# The icon is a square of this side length; the millimetres tell a tool how large to draw it.
 _ICON_UNITS, _ICON_MM = 128, 20 / 128
 
 
@@ -29,7 +29,7 @@ class Sources:
 
     Attributes:
         files: content by name: C files and headers.
-        inputs: the C files among them, in the order they are compiled in.
+        inputs: the C files among them, in compile order.
         description: the modelDescription that belongs to them.
     """
 
@@ -40,7 +40,7 @@ class Sources:
 
 @dataclass(frozen=True)
 class _Generated:
-    """What CasADi makes of the equations."""
+    """The code that CasADi generates from the equations."""
 
     model: codegen.SymbolicModel
     equations: bytes
@@ -85,7 +85,7 @@ def sources(version: Version, identifier: str, files: Sequence[Path], headers: S
             initial=generated.initial,
         )
 
-    # The token is a hash of all else: it tells a binary from a modelDescription that it does not belong to.
+    # The token is a hash of everything else, so that a binary refuses a modelDescription of another build.
     digest = hashlib.sha256(description("") + codegen.table_c(generated.model, "").encode())
     for name in sorted(content):
         digest.update(content[name])
@@ -95,7 +95,7 @@ def sources(version: Version, identifier: str, files: Sequence[Path], headers: S
 
 
 def members(version: Version, identifier: str, code: Sources) -> dict[str, bytes]:
-    """All files of an FMU but its binaries and their compilers' licenses, by path."""
+    """All files of an FMU except its binaries and their compilers' licenses, by path."""
     icon = (_PACKAGE / "icon.png").read_bytes()
     found = {
         "modelDescription.xml": code.description,
@@ -119,7 +119,7 @@ def _xml(root: ET.Element) -> bytes:
 
 
 def _build_description(identifier: str, inputs: Sequence[str]) -> bytes:
-    """sources/buildDescription.xml of FMI 3.0, section 2.5.1.3, which FMI 2.0.4 took over."""
+    """sources/buildDescription.xml of FMI 3.0, section 2.5.1.3, adopted by FMI 2.0.4."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ET.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     files = ET.SubElement(configuration, "SourceFileSet", language="C99")
@@ -129,7 +129,7 @@ def _build_description(identifier: str, inputs: Sequence[str]) -> bytes:
 
 
 def _terminals_and_icons() -> bytes:
-    """terminalsAndIcons.xml of FMI 3.0, section 2.4.9, which FMI 2.0.4 took over: the icon fills its square."""
+    """terminalsAndIcons.xml of FMI 3.0, section 2.4.9, adopted by FMI 2.0.4: the icon fills its square."""
     root = ET.Element("fmiTerminalsAndIcons", fmiVersion="3.0")
     graphics = ET.SubElement(root, "GraphicalRepresentation")
     corners = {"x1": "0", "y1": "0", "x2": str(_ICON_UNITS), "y2": str(_ICON_UNITS)}

@@ -1,7 +1,7 @@
-"""The page of documentation inside the FMU: documentation.html with its tables and a computed example filled in.
+"""The documentation page inside the FMU: documentation.html with its tables and a computed example filled in.
 
-The example is computed from the equations themselves, not with a binary, so that it can be drawn wherever the FMU is
-built for. Figures are rounded before they are drawn; the same model gives the same bytes.
+The example is computed from the equations, not with a binary, so that it can be drawn when cross-compiling. Values are
+rounded before they are drawn; the same model gives the same bytes.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _DEGREE = np.pi / 180
 
 
 def page(model: SymbolicModel) -> bytes:
-    """The page, one HTML file that refers to nothing outside the FMU."""
+    """The page, one HTML file without references outside the FMU."""
     example = _step_steer(model)
     text = Template((_PACKAGE / "documentation.html").read_text(encoding="utf-8")).substitute(
         icon=(_PACKAGE / "icon.svg").read_text(encoding="utf-8").strip(),
@@ -53,7 +53,7 @@ _GROUPS = (
     ("Start values", interface.STARTS),
     ("Time", (interface.TIME,)),
     ("Solver, in Co-Simulation", (*interface.SOLVER_SETTINGS, interface.SOLVER)),
-    ("Parameters: see above for their meaning", interface.PARAMETERS),
+    ("Parameters: described above", interface.PARAMETERS),
 )
 _COLUMNS = ("name", "causality", "variability", "unit", "start", "min", "max", "description")
 _PARAMETER_COLUMNS = ("name", "unit", "start", "min", "max", "meaning", "source")
@@ -67,7 +67,7 @@ def _number(value: float | None) -> str:
 
 
 def _cells(variable: Variable) -> dict[str, str]:
-    """What a table says of a variable, by column."""
+    """A variable's cells in a table, by column."""
     origin = next((field.metadata for field in fields(VehicleParameters) if field.name == variable.name), None)
     items = "; ".join(f"{i} {name}: {text}" for i, (name, text) in enumerate(variable.items, start=1))
     return {
@@ -163,13 +163,13 @@ _WIDTH, _PANEL, _LEFT, _RIGHT, _TOP, _GAP = 860, 190, 56, 14, 26, 40
 
 
 def _ticks(highest: float) -> list[float]:
-    """Round values from 0 to the first that is not below the highest one."""
+    """Round values from 0 to the first that is at least the highest value."""
     size = next(s for s in (0.5, 1, 2, 5, 10, 20) if highest / s <= 5)
     return [size * i for i in range(int(np.ceil(highest / size)) + 1)]
 
 
 def _panel(t: NDArray[np.float64], y: NDArray[np.float64], name: str, kind: str, top: float) -> str:
-    """One curve over time with its grid and labels, its frame's upper edge at `top`."""
+    """One curve over time with its grid and labels; the axes' upper edge is at `top`."""
     ticks = _ticks(float(y.max()))
     bottom, width = top + _PANEL, _WIDTH - _LEFT - _RIGHT
 

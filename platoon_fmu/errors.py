@@ -2,12 +2,12 @@
 
 
 class FmuError(Exception):
-    """The FMU cannot be built, found or used; the text says what is wrong and how to mend it."""
+    """The FMU cannot be built, found or used; the text names the problem and the remedy."""
 
 
 class UnknownPlatform(FmuError):
-    """An FMU was asked for a platform that there is no compiler for."""
+    """An FMU was requested for a platform without a compiler."""
 
 
 class ProcessDied(FmuError):
-    """A process that an FMU's binary was called in crashed, ended, or did not come back."""
+    """A process that called an FMU's binary crashed, ended, or timed out."""

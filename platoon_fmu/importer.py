@@ -1,7 +1,7 @@
 """Any FMU, driven by the names of its variables: FMI 2.0 and 3.0, Model Exchange and Co-Simulation.
 
-fmpy loads the binary and knows the standard's functions; this puts the differences between versions and kinds behind
-one interface, for the checks (`dynamic_checks`) and the manoeuvres (`physics`).
+fmpy loads the binary and wraps the standard's functions; this module hides the differences between versions and kinds
+behind one interface, for the checks (`dynamic_checks`) and the manoeuvres (`physics`).
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ Values = Sequence[Value] | NDArray[np.float64]
 
 
 class Kind(StrEnum):
-    """The interface types of an FMU that this drives."""
+    """The supported interface types of an FMU."""
 
     MODEL_EXCHANGE = "Model Exchange"
     CO_SIMULATION = "Co-Simulation"
 
 
-# The capability flags that FMI 2.0 spells otherwise than FMI 3.0.
+# The capability flags whose names differ between FMI 2.0 and FMI 3.0.
 _FLAGS_2 = {
     "canGetAndSetFMUState": "canGetAndSetFMUstate",
     "canSerializeFMUState": "canSerializeFMUstate",
@@ -52,7 +52,7 @@ class OpenFmu:
 
     Attributes:
         folder: where it is unpacked.
-        description: fmpy's reading of its modelDescription.xml.
+        description: its modelDescription.xml as parsed by fmpy.
     """
 
     folder: Path
@@ -60,16 +60,16 @@ class OpenFmu:
 
     @staticmethod
     def unpacked(folder: Path) -> OpenFmu:
-        """An FMU that is unpacked in a folder already."""
+        """An FMU that is already unpacked in a folder."""
         return OpenFmu(folder, fmpy.read_model_description(str(folder), validate=False))
 
     @property
     def version(self) -> int:
-        """The FMI version's first number: 2 or 3."""
+        """The major FMI version: 2 or 3."""
         return int(self.description.fmiVersion.split(".")[0])
 
     def element(self, kind: Kind) -> Any:
-        """The element of a kind with its capability flags, as fmpy reads it; None where the FMU has no such kind."""
+        """A kind's element with its capability flags, as parsed by fmpy; None if the FMU lacks this kind."""
         return self.description.modelExchange if kind is Kind.MODEL_EXCHANGE else self.description.coSimulation
 
     def claims(self, kind: Kind, flag: str) -> bool:
@@ -84,23 +84,23 @@ class OpenFmu:
         return attributes.get(self.flag_name(flag)) in ("true", "1")
 
     def flag_name(self, flag: str) -> str:
-        """What the FMU's version calls a capability flag of FMI 3.0."""
+        """The name of an FMI 3.0 capability flag in the FMU's own version."""
         return _FLAGS_2.get(flag, flag) if self.version == 2 else flag
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """The kinds that the FMU says it has."""
+        """The kinds that the FMU declares."""
         return tuple(kind for kind in Kind if self.element(kind) is not None)
 
     @property
     def platforms(self) -> tuple[str, ...]:
-        """The platforms it has a binary for, as its folders of binaries/ call them."""
+        """The platforms for which it has a binary, named as its folders in binaries/."""
         files = self.folder.glob("binaries/**/*")
         return archive.platforms(path.relative_to(self.folder).as_posix() for path in files)
 
     @property
     def runs_here(self) -> bool:
-        """Whether it has a folder of binaries for this platform."""
+        """Whether it has a folder in binaries/ for this platform."""
         return any(folder.is_dir() for folder in self._folders())
 
     def library(self, kind: Kind) -> Path:
@@ -114,7 +114,7 @@ class OpenFmu:
             if (folder / name).is_file():
                 return folder / name
         here = ", ".join(f"{folder.relative_to(self.folder)}/{name}" for folder in self._folders())
-        raise FmuError(f"has no binary for {kind} where this platform has one, {here}")
+        raise FmuError(f"has no binary for {kind} on this platform, expected at {here}")
 
     def _folders(self) -> list[Path]:
         version = FMI2 if self.version == 2 else FMI3
@@ -127,7 +127,7 @@ def opened(fmu: Path) -> Iterator[OpenFmu]:
     """Unpacks an FMU into a temporary folder.
 
     Raises:
-        FmuError: it is missing, damaged, no FMU, or of another version than FMI 2.0 and 3.0.
+        FmuError: it is missing, damaged, not an FMU, or of a version other than FMI 2.0 and 3.0.
     """
     description = archive.read_description(fmu)
     with tempfile.TemporaryDirectory(prefix="fmu-") as folder:
@@ -141,10 +141,10 @@ _CLASSES = {
     (3, Kind.MODEL_EXCHANGE): fmi3.FMU3Model,
     (3, Kind.CO_SIMULATION): fmi3.FMU3Slave,
 }
-# Under which name a type is got and set, where that is another than its own.
+# Types whose getters and setters are named after another type.
 _ACCESSORS = {2: {"Enumeration": "Integer"}, 3: {"Enumeration": "Int64"}}
 _CONVERTERS: dict[str, type] = {"Real": float, "Float32": float, "Float64": float, "Boolean": bool, "String": str}
-# Of event iterations; one that does not end would be waited for in vain.
+# Limit of event iterations, which may otherwise never end.
 _MOST_ITERATIONS = 1000
 
 
@@ -158,7 +158,7 @@ def load(fmu: OpenFmu, kind: Kind, name: str = "instance") -> Any:
         FmuError: there is no binary for this platform, it does not load, or it lacks functions of the standard.
     """
     library, wanted = fmu.library(kind), _CLASSES[fmu.version, kind]
-    # fmpy changes the working directory while it loads a binary, and stays there where that fails.
+    # fmpy changes the working directory to load a binary, and does not restore it after a failure.
     here = Path.cwd()
     try:
         return wanted(
@@ -183,13 +183,13 @@ class Instance:
     """One instance of an FMU, driven by names; a context manager that frees it.
 
     Attributes:
-        fmu: what it is an instance of.
+        fmu: the FMU it was created from.
         kind: its interface type.
         time: the time it has reached [s].
-        next_event_time: Model Exchange: the time of the next event that the FMU has announced [s], or None.
-        said: what it has logged, a line each.
-        complaints: of that, what it has logged as a warning or an error.
-        raw: fmpy's own object, for what this class does not carry.
+        next_event_time: Model Exchange: the time of the next event announced by the FMU [s], or None.
+        said: its log messages, one line each.
+        complaints: those of them logged as a warning or an error.
+        raw: fmpy's own object, for functions not wrapped here.
     """
 
     def __init__(self, fmu: OpenFmu, kind: Kind, name: str = "instance") -> None:
@@ -241,7 +241,7 @@ class Instance:
         self.free()
 
     def free(self) -> None:
-        """Frees the instance. The library stays loaded, as other instances may live in it."""
+        """Frees the instance. The library stays loaded, because other instances may use it."""
         if self.raw.component:
             free = self.raw.fmi3FreeInstance if self.fmu.version == 3 else self.raw.fmi2FreeInstance
             free(self.raw.component)
@@ -255,7 +255,7 @@ class Instance:
         stop_time: float | None = None,
         tolerance: float | None = None,
     ) -> Instance:
-        """Sets start values and goes through the initialization to where it is stepped, or integrated.
+        """Sets start values and completes the initialization, ready for stepping or integration.
 
         Args:
             values: start values of inputs and parameters by name.
@@ -272,13 +272,13 @@ class Instance:
         self.raw.enterInitializationMode(**experiment)
         self.raw.exitInitializationMode()
         if self.kind is Kind.MODEL_EXCHANGE:
-            # Every Model Exchange FMU starts in an event.
+            # Every Model Exchange FMU starts in Event Mode.
             self._settle()
             self.raw.enterContinuousTimeMode()
         return self
 
     def _settle(self) -> None:
-        """Iterates an event to its end."""
+        """Iterates an event until it settles."""
         update = self.raw.newDiscreteStates if self.fmu.version == 2 else self.raw.updateDiscreteStates
         for _ in range(_MOST_ITERATIONS):
             again, terminate, _, _, announced, time = update()
@@ -287,7 +287,7 @@ class Instance:
             if not again:
                 self.next_event_time = time if announced else None
                 return
-        raise FmuError(f"the event at t = {self.time:g} s does not settle in {_MOST_ITERATIONS} iterations")
+        raise FmuError(f"the event at t = {self.time:g} s does not settle within {_MOST_ITERATIONS} iterations")
 
     def _by_type(self, names: Iterable[str]) -> dict[str, list[str]]:
         groups: dict[str, list[str]] = {}
@@ -305,11 +305,11 @@ class Instance:
         return [self._variables[name].valueReference for name in names]
 
     def size(self, *names: str) -> int:
-        """The number of elements that variables have together."""
+        """Total number of elements of variables."""
         return sum(math.prod(self._variables[name].shape or ()) for name in names)
 
     def set(self, values: Mapping[str, Value | Values] | None = None, **more: Value | Values) -> None:
-        """Sets variables by name, arrays by all of their elements, row by row."""
+        """Sets variables by name, arrays by all their elements in row-major order."""
         values = {**(values or {}), **more}
         for type_name, names in self._by_type(values).items():
             convert = _CONVERTERS.get(type_name, int)
@@ -317,7 +317,7 @@ class Instance:
             self._accessor("set", type_name)(self.references(names), flat)
 
     def read(self, *names: str) -> dict[str, tuple[Value, ...]]:
-        """The values of variables of any type but binary ones and clocks, by name, arrays row by row."""
+        """The values of variables of any type except Binary and Clock, by name, arrays in row-major order."""
         found: dict[str, tuple[Value, ...]] = {}
         for type_name, group in self._by_type(names).items():
             options = {} if self.fmu.version == 2 else {"nValues": self.size(*group)}
@@ -327,7 +327,7 @@ class Instance:
         return {name: found[name] for name in names}
 
     def get(self, *names: str) -> NDArray[np.float64]:
-        """The values of variables that are numbers by name, in the order asked for, arrays row by row."""
+        """The values of numeric variables by name, in the order requested, arrays in row-major order."""
         return np.array([element for values in self.read(*names).values() for element in values], dtype=float)
 
     def __getitem__(self, name: str) -> float:
@@ -335,12 +335,12 @@ class Instance:
         return float(self.get(name)[0])
 
     def step(self, h: float) -> None:
-        """Co-Simulation: goes h seconds on.
+        """Co-Simulation: advances by h seconds.
 
         Raises:
             FmuError: the FMU asks to end the simulation.
         """
-        # Not told that no earlier state will be restored: that may happen at any time.
+        # noSetFMUStatePriorToCurrentPoint is false: an earlier state may be restored at any time.
         answer = self.raw.doStep(
             currentCommunicationPoint=self.time, communicationStepSize=h, noSetFMUStatePriorToCurrentPoint=False
         )
@@ -354,7 +354,7 @@ class Instance:
         return tuple(state.name for state in self._states)
 
     def set_states(self, x: Sequence[float] | NDArray[np.float64], time: float | None = None) -> None:
-        """Model Exchange: sets the continuous states, and the time where it is given."""
+        """Model Exchange: sets the continuous states, and the time if given."""
         if time is not None:
             self.time = time
             self.raw.setTime(time)
@@ -378,7 +378,7 @@ class Instance:
         return np.array(vector)
 
     def complete_step(self) -> None:
-        """Model Exchange: ends a step of the integration; handles an event where the FMU asks for one or time is up.
+        """Model Exchange: completes an integrator step; handles an event if the FMU requests one or one is due.
 
         Raises:
             FmuError: the FMU asks to end the simulation, or an event does not settle.
@@ -397,7 +397,7 @@ class Instance:
     def directional_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float] | NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """J seed, where J is the Jacobian of the unknowns over the knowns, arrays row by row."""
+        """J seed, where J is the Jacobian of the unknowns with respect to the knowns, arrays in row-major order."""
         options = {} if self.fmu.version == 2 else {"nSensitivity": self.size(*unknowns)}
         derivative = self.raw.getDirectionalDerivative
         return np.array(derivative(self.references(unknowns), self.references(knowns), list(seed), **options))
@@ -405,7 +405,7 @@ class Instance:
     def adjoint_derivative(
         self, unknowns: Sequence[str], knowns: Sequence[str], seed: Sequence[float] | NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """FMI 3.0: seed^T J, where J is the Jacobian of the unknowns over the knowns; a value for each known."""
+        """FMI 3.0: seed^T J, with J the Jacobian of the unknowns with respect to the knowns; one value per known."""
         return np.array(
             self.raw.getAdjointDerivative(
                 self.references(unknowns), self.references(knowns), list(seed), nSensitivity=self.size(*knowns)
@@ -417,7 +417,7 @@ class Instance:
         return self.raw.getFMUState()
 
     def restore(self, state: Any, time: float) -> None:
-        """Goes back to a saved state, which was saved at `time`."""
+        """Restores a state that was saved at `time`."""
         self.raw.setFMUState(state)
         self.time = time
 
@@ -434,7 +434,7 @@ class Instance:
             self.discard(state)
 
     def deserialise(self, content: bytes, time: float) -> None:
-        """Goes on from a state that `serialise` gave at `time`, in this or another process."""
+        """Restores a state returned by `serialise` at `time`, in this or another process."""
         state = self.raw.deserializeFMUState(content)
         try:
             self.restore(state, time)
@@ -442,12 +442,12 @@ class Instance:
             self.discard(state)
 
     def reset(self) -> None:
-        """Back to what instantiation gave; `start` goes on from there."""
+        """Resets to the state after instantiation; call `start` next."""
         self.raw.reset()
         self.time = 0.0
 
     def terminate(self) -> None:
-        """Ends the simulation; values can still be read."""
+        """Terminates the simulation; values can still be read."""
         self.raw.terminate()
 
 

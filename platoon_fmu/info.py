@@ -1,4 +1,4 @@
-"""What an FMU's modelDescription.xml and archive tell of it, in one form for FMI 2.0 and 3.0."""
+"""The content of an FMU's modelDescription.xml and archive, in one form for FMI 2.0 and 3.0."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from platoon_fmu import archive
 
 Value = float | int | bool | str
 
-#: The causalities in the order a reader looks for them.
+#: The causalities in display order.
 CAUSALITIES = (
     "input",
     "output",
@@ -22,7 +22,7 @@ CAUSALITIES = (
     "independent",
 )
 
-#: The variabilities in the same order.
+#: The variabilities in display order.
 VARIABILITIES = ("continuous", "discrete", "tunable", "fixed", "constant")
 
 _FLOATS = ("Real", "Float32", "Float64")
@@ -31,17 +31,17 @@ _TEXTS = ("String", "Binary")
 
 @dataclass(frozen=True)
 class VariableInfo:
-    """One variable; what is not given is None.
+    """One variable; None for what is not given.
 
     Attributes:
         name: its name.
-        type: FMI's name of its type.
-        shape: the lengths of an array's dimensions, as they are at the start; empty for a scalar.
+        type: FMI's name for its type.
+        shape: an array's dimensions at the start; empty for a scalar.
         causality: as in FMI.
         variability: as in FMI.
         unit: of all values below.
-        display_unit: what a person may rather read.
-        start: start value, a list for an array with several.
+        display_unit: the preferred unit for display.
+        start: start value, or a list of them for an array.
         minimum: least value.
         maximum: greatest value.
         nominal: usual magnitude.
@@ -70,14 +70,14 @@ class FmuInfo:
 
     Attributes:
         model_name: the model's name.
-        fmi_version: as the FMU has it.
+        fmi_version: as written in the FMU.
         description: one line, or None.
         model_version: the model's version, or None.
-        generation_tool: what it was made with, or None.
-        generation_time: when, or None.
-        interface_types: by the kind's name (`Model Exchange`, ...) its attributes: the capability flags that are given.
-        platforms: what it has a binary for, as its folders of binaries/ call them.
-        has_sources: whether it carries C code.
+        generation_tool: the tool that created it, or None.
+        generation_time: when it was created, or None.
+        interface_types: attributes by kind (`Model Exchange`, ...): the capability flags that are given.
+        platforms: those with a binary, named as the folders in binaries/.
+        has_sources: whether it contains C code.
         default_experiment: start time, stop time, step size [s] and tolerance, those that are given.
         variables: all variables in the order of modelDescription.xml.
     """
@@ -96,10 +96,10 @@ class FmuInfo:
 
 
 def info(fmu: Path) -> FmuInfo:
-    """What there is to know of an FMU without running it.
+    """Everything that can be read from an FMU without running it.
 
     Raises:
-        FmuError: it is missing, damaged, no FMU, or of another version than FMI 2.0 and 3.0.
+        FmuError: it is missing, damaged, not an FMU, or of a version other than FMI 2.0 and 3.0.
     """
     description = archive.read_description(fmu)
     files = archive.member_names(fmu)
@@ -171,7 +171,7 @@ def _start(variable: Any) -> Value | list[Value] | None:
 
 
 def _as(type_name: str, text: str) -> Value:
-    """A value of a type; the text itself where it is none."""
+    """A value converted to its type; the text itself if that fails."""
     if type_name == "Boolean":
         return {"true": True, "1": True, "false": False, "0": False}.get(text, text)
     try:

@@ -1,8 +1,8 @@
-"""The FMU's variables, the one place that names them.
+"""The FMU's variables, defined only here.
 
-Value references count through `VARIABLES` in order: states, their derivatives, the other outputs, inputs,
-parameters, start values, and what belongs to the core rather than the model: time and the solver's settings. The C
-core relies on that order (fmi/model.h, fmi/core.h), the modelDescription follows it.
+Value references number `VARIABLES` in order: states, their derivatives, the other outputs, inputs, parameters, start
+values, and the core's own: time and the solver's settings. The C core relies on that order (fmi/model.h, fmi/core.h),
+and the modelDescription follows it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from platoon_fmu.wheels import WHEELS
 
 @dataclass(frozen=True)
 class Variable:
-    """One scalar variable of the FMU, in the terms of FMI; a real one if it has no items.
+    """One scalar variable of the FMU, in FMI's terms; real unless it has items.
 
     Attributes:
-        name: as a user writes it.
+        name: as users write it.
         causality: `output`, `local`, `input`, `parameter` or `independent`.
         variability: `continuous`, `tunable` or `fixed`.
         unit: a name in `UNITS`; empty for an enumeration.
         description: one line, with the frame or the sign where it matters.
-        start: start value; None where the FMU calculates it.
+        start: start value; None if the FMU calculates it.
         minimum: least sensible value, or None.
         maximum: greatest sensible value, or None.
-        nominal: usual magnitude, which an integrator scales its absolute tolerance with.
+        nominal: usual magnitude, by which an integrator scales its absolute tolerance.
         derivative_of: for a derivative, the name of its state.
         items: for an enumeration, its items' names and descriptions, numbered from 1.
     """
@@ -47,13 +47,13 @@ class Variable:
 
     @property
     def display_unit(self) -> str | None:
-        """The unit a person may rather read, where there is one."""
+        """The preferred unit for display, if any."""
         return next(iter(UNITS[self.unit].display), None) if self.unit else None
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit by its exponents of the SI base units and the radian, with the units a person may rather read.
+    """A unit by its exponents of the SI base units and the radian, with its display units.
 
     Attributes:
         exponents: base unit name to exponent.
@@ -178,7 +178,7 @@ INPUTS = (
 
 _DEFAULTS = VehicleParameters()
 
-# The adhesion of the nominal road is the start value of the input mu, not a parameter of the vehicle.
+# The nominal road's adhesion is the start value of the input mu, not a parameter of the vehicle.
 PARAMETERS = tuple(
     Variable(
         f.name,
@@ -205,7 +205,7 @@ STARTS = (
 
 TIME = Variable("time", "independent", "continuous", "s", "simulation time")
 
-#: The real settings of the Co-Simulation's solver; in Model Exchange the importer has its own.
+#: The real-valued settings of the Co-Simulation's solver; in Model Exchange the importer provides the solver.
 SOLVER_SETTINGS = (
     Variable(
         "solver_step",

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 from platoon_fmu import interface
 from platoon_fmu.interface import Variable
 
-#: For each unknown (by name) the names of the knowns it depends on.
+#: For each unknown (by name), the names of the knowns on which it depends.
 Dependencies = Mapping[str, Sequence[str]]
 
 _MODEL = {
@@ -19,8 +19,8 @@ _MODEL = {
 }
 _EXPERIMENT = {"startTime": "0", "stopTime": "10", "tolerance": "1e-6", "stepSize": "0.01"}
 _LOG_CATEGORIES = {
-    "logStatusError": "Calls refused and steps that failed, with the reason",
-    "logEvents": "The phases an instance goes through",
+    "logStatusError": "Refused calls and failed steps, with the reason",
+    "logEvents": "The phases of an instance's life",
     "logAll": "All of these",
 }
 _ENUMERATION = "Solver"
@@ -41,7 +41,7 @@ def _text(root: ET.Element) -> bytes:
 
 
 def _head(root: ET.Element, enumeration: ET.Element) -> None:
-    """What both versions have alike between the interface types and the variables."""
+    """The elements common to both versions between the interface types and the variables."""
     definitions = ET.SubElement(root, "UnitDefinitions")
     for name, unit in interface.UNITS.items():
         element = ET.SubElement(definitions, "Unit", name=name)
@@ -61,7 +61,7 @@ def _items(parent: ET.Element) -> None:
 
 
 def _identity(variable: Variable) -> dict[str, str]:
-    """The attributes of any variable, but for its type's."""
+    """The attributes common to all types of variables."""
     attributes = {
         "name": variable.name,
         "valueReference": str(_REFERENCE[variable.name]),
@@ -77,7 +77,7 @@ def _identity(variable: Variable) -> dict[str, str]:
 
 
 def _quantity(variable: Variable) -> dict[str, str]:
-    """The attributes of a variable's type, but for the one that makes it a derivative."""
+    """The attributes of a variable's type, except the one that makes it a derivative."""
     if variable.items:
         return {"declaredType": _ENUMERATION, "start": str(int(variable.start or 1))}
     quantity = {"unit": variable.unit}
@@ -137,7 +137,7 @@ def fmi2_xml(
     simple_type = ET.Element("SimpleType", name=_ENUMERATION)
     _items(ET.SubElement(simple_type, "Enumeration"))
     _head(root, simple_type)
-    # FMI 2.0 counts variables from 1 where FMI 3.0 has their value references.
+    # FMI 2.0 uses variable indices from 1 where FMI 3.0 uses value references.
     index = {name: str(reference + 1) for name, reference in _REFERENCE.items()}
     variables = ET.SubElement(root, "ModelVariables")
     for variable in interface.VARIABLES:

@@ -1,4 +1,4 @@
-"""The vehicle's parameters: Table 1 of the paper and the named assumptions where the paper is silent.
+"""The vehicle's parameters: Table 1 of the paper, and named assumptions for values that the paper does not give.
 
 Pure data with no dependencies, so that a controller may read the nominal values without the model.
 """
@@ -17,7 +17,7 @@ LAMBDA_MIN, LAMBDA_MAX = -1.0, 1.0
 def _parameter(
     value: float, unit: str, description: str, source: str, *, minimum: float = 0.0, maximum: float | None = None
 ) -> Any:
-    """A dataclass field that carries its unit, meaning, source and allowed range as metadata."""
+    """A dataclass field with its unit, meaning, source and allowed range as metadata."""
     metadata = {
         "unit": unit,
         "description": description,
@@ -54,10 +54,10 @@ class VehicleParameters:
         "the paper: 'up to +-40 %'",
         maximum=0.99,
     )
-    C_d: float = _parameter(0.30, "1", "drag coefficient", "assumed: a usual passenger car")
-    h: float = _parameter(0.54, "m", "height of the centre of mass", "assumed: a usual passenger car")
+    C_d: float = _parameter(0.30, "1", "drag coefficient", "assumed: typical passenger car")
+    h: float = _parameter(0.54, "m", "height of the centre of mass", "assumed: typical passenger car")
     m_s: float = _parameter(
-        1500.0, "kg", "sprung mass", "assumed: 87 % of the vehicle; four wheels with hub motors weigh the rest"
+        1500.0, "kg", "sprung mass", "assumed: 87 % of the vehicle; the remainder is four wheels with hub motors"
     )
     I_x: float = _parameter(
         600.0,
@@ -125,35 +125,35 @@ class VehicleParameters:
         0.25,
         "1",
         "cornering stiffness of a flat tyre over a sound one's",
-        "assumed: studies of blow-outs have a fifth to a third",
+        "assumed: blow-out studies report a fifth to a third",
         maximum=1.0,
     )
     flat_longitudinal: float = _parameter(
         0.5,
         "1",
         "longitudinal stiffness of a flat tyre over a sound one's",
-        "assumed: falls less than the cornering stiffness, as the belt is stiff along its circumference",
+        "assumed: falls less than the cornering stiffness, because the belt is stiff circumferentially",
         maximum=1.0,
     )
     flat_rolling: float = _parameter(
         0.28,
         "1",
-        "rolling resistance coefficient that a flat tyre has besides mu_d",
-        "assumed: 0.3 in all, 17 times a sound tyre's; studies of blow-outs have 10 to 30 times",
+        "rolling resistance coefficient of a flat tyre in addition to mu_d",
+        "assumed: 0.3 in total, 17 times a sound tyre's; blow-out studies report 10 to 30 times",
         maximum=1.0,
     )
     flat_radius: float = _parameter(
         0.92,
         "1",
         "rolling radius of a flat tyre over a sound one's",
-        "assumed: a radial tyre's belt keeps its length, so a third of the deflection is lost of the rolling radius",
+        "assumed: a radial tyre's belt keeps its length, so the rolling radius shrinks by a third of the deflection",
         minimum=0.5,
         maximum=1.0,
     )
     v_slip: float = _parameter(
         5.0,
         "m/s",
-        "speed below which slips are regularised; at or above it they are exact",
+        "speed below which slips are regularised; exact at or above it",
         "chosen: at rest the wheel-spin pole R_w^2 C_x/(I_w v_slip/2) is 1800 1/s, stable in steps of 1 ms",
         minimum=0.1,
     )

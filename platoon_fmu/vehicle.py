@@ -1,12 +1,12 @@
 """The vehicle: longitudinal, lateral, yaw, roll and four wheel spins (8 degrees of freedom) and its pose.
 
-ISO 8855 axes: x forward, y left, z up; steering, yaw and roll positive as right-handed turns about z and x. Wheels
-in the paper's order: front left, rear left, rear right, front right. Nothing in here is solved: every quantity
-follows from the states, the inputs and the parameters, and the loop from tyre force over load back to tyre force is
-opened by the load-transfer states. The equations are written once, for CasADi's symbols; `codegen.py` makes the C.
+ISO 8855 axes: x forward, y left, z up; steering, yaw and roll are positive right-handed about z and x. Wheels in the
+paper's order: front left, rear left, rear right, front right. No equation is implicit: every quantity follows from the
+states, the inputs and the parameters; the load-transfer states break the algebraic loop between tyre forces and loads.
+The equations are written once, for CasADi's symbols; `codegen.py` generates the C code.
 
 A tyre that loses pressure (`inflation_*` below 1) loses slip stiffness and vertical stiffness, rolls on a smaller
-radius and resists rolling. Where all tyres are sound, every term of it is exactly 0 and every factor exactly 1.
+radius and resists rolling. While all tyres are sound, each of these terms is exactly 0 and each factor exactly 1.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ SX = Any
 
 @dataclass(frozen=True)
 class WheelForces:
-    """What one wheel does: forces and slips in wheel axes [N, 1], and in vehicle axes what reaches the body.
+    """One wheel's forces and slips in wheel axes [N, 1], and its forces on the body in vehicle axes [N].
 
     R is the rolling radius [m], and `flat_moment` the rolling resistance that a soft tyre adds, on the spin [N m].
     """
@@ -44,13 +44,13 @@ class WheelForces:
 
 
 def _smooth_sign(z: SX) -> SX:
-    """The sign of z where |z| >= 1, with a once differentiable passage through zero between."""
+    """The sign of z for |z| >= 1, with a once differentiable transition between."""
     z = ca.fmin(ca.fmax(z, -1), 1)
     return z * (3 - z**2) / 2
 
 
 def _roll_height(P: VehicleParameters) -> SX:
-    """Height [m] by which the vehicle's centre of mass swings about the roll axis: m_s h_s / M."""
+    """Roll arm [m] of the whole vehicle's centre of mass: m_s h_s / M."""
     return P.m_s * P.h_s / P.M
 
 
@@ -65,13 +65,13 @@ def _static_load(front: bool, P: VehicleParameters) -> SX:
 
 
 def _moment_lost(front: bool, x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> SX:
-    """Roll moment [N m] by which an axle's springs fall short of K phi on soft tyres; 0 on sound ones.
+    """Roll moment [N m] that soft tyres take from an axle's spring moment K phi; 0 on sound ones.
 
     The extra compliances c of its tyres are springs in series with the axle's roll stiffness K, which includes sound
-    tyres. So K falls to K/(1 + K (c_left + c_right)/l_t^2), and the axle stands tilted, since the static load deflects
-    one tyre more than the other. The body rests on both axles, so the tilt of one moves load from the soft tyre and the
-    one diagonally across to the other two. Deflections under the loads that braking, roll centres and dampers move are
-    neglected, so that the springs return no more energy than they store.
+    tyres. So K falls to K/(1 + K (c_left + c_right)/l_t^2), and the axle is tilted at rest, because the static load
+    deflects one tyre more than the other. The body rests on both axles, so the tilt of one moves load from the soft
+    tyre and the one diagonally across to the other two. Deflections due to load transfer by braking, roll centres and
+    dampers are neglected, so that the springs return no more energy than they store.
     """
     left, right = (
         tyre.extra_compliance(u[f"inflation_{w.name}"], P.K_z, P.flat_vertical) for w in WHEELS if w.front is front
@@ -83,7 +83,7 @@ def _moment_lost(front: bool, x: Mapping[str, SX], u: Mapping[str, SX], P: Vehic
 
 
 def _load(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> SX:
-    """Load F_z [N] of a wheel: static, plus what the transfer states and the rolled body move; never below 0."""
+    """Load F_z [N] of a wheel: static, plus transfer states and roll; never negative."""
     share = _roll_share(wheel.front, P)
     lever = (P.l_r if wheel.front else P.l_f) / P.L
     static = _static_load(wheel.front, P)
@@ -101,7 +101,7 @@ def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehiclePar
     delta = u["steering_angle"] if wheel.front else 0
     c, s = (ca.cos(delta), ca.sin(delta)) if wheel.front else (1, 0)
 
-    # The contact point hangs below the centre of mass, so a rolling body drags it sideways.
+    # The contact point is below the centre of mass, so roll moves it sideways.
     v_xi = x["v_x"] - x["gamma"] * y_i
     v_yi = x["v_y"] + x["gamma"] * x_i + _roll_height(P) * x["p"]
     v_long, v_lat = c * v_xi + s * v_yi, -s * v_xi + c * v_yi
@@ -131,7 +131,7 @@ def _wheel(wheel: Wheel, x: Mapping[str, SX], u: Mapping[str, SX], P: VehiclePar
 
 
 def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) -> tuple[dict[str, SX], dict[str, SX]]:
-    """The model: derivatives of the states and the outputs that are no states.
+    """The model: derivatives of the states, and the outputs that are not states.
 
     Args:
         x: states by name (`interface.STATES`).
@@ -147,9 +147,9 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
     tyres_yaw = sum(w.body_yaw for w in wheels.values())
 
     v_x, v_y, gamma, psi = x["v_x"], x["v_y"], x["gamma"], x["psi"]
-    # Rolling resistance acts on the body, not on the spins, so that T = R_w F_x in steady rolling; and on the body as
-    # a whole, as in the paper, so that it does not bend the cornering of a car whose load has moved to one side. What
-    # a soft tyre adds is a moment on its own wheel: it drags at that corner, and a locked wheel has none of it.
+    # Rolling resistance acts on the body, not on the spins, so that T = R_w F_x in steady rolling; and on the body as a
+    # whole, as in the paper, so that it does not affect the cornering of a car whose load has moved to one side. A soft
+    # tyre's extra resistance is a moment on its own wheel: it drags at that corner, and is zero on a locked wheel.
     ground_x = tyres_x - P.mu_d * P.M * P.g * _smooth_sign(v_x / P.v_roll)
     a_x = (ground_x - P.C_a * v_x * ca.fabs(v_x) + u["force_x"]) / P.M
     a_y = (tyres_y + u["force_y"]) / P.M
@@ -160,7 +160,7 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
     springs = P.K_phi * x["phi"] - (_moment_lost(True, x, u, P) + _moment_lost(False, x, u, P))
     roll_moment = h_roll * tyres_y + P.m_s * P.g * P.h_s * x["phi"] - springs - P.C_phi * x["p"]
 
-    # The rest of the lateral moment h tyres_y passes not through the springs but through the roll centres.
+    # The remaining part of the lateral moment h tyres_y acts through the roll centres, not the springs.
     transfer_x = P.h * ground_x / P.L
     transfer_y = (P.h - h_roll) * tyres_y / P.l_t
 
@@ -191,7 +191,7 @@ def equations(x: Mapping[str, SX], u: Mapping[str, SX], P: VehicleParameters) ->
 
 
 def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX]:
-    """The states at the start: the given pose and motion, sound wheels rolling freely, body level, static loads.
+    """The initial states: the given pose and motion, sound wheels rolling freely, body level, static loads.
 
     Args:
         start: start parameters by name (`interface.STARTS`).
@@ -207,10 +207,10 @@ def initial_state(start: Mapping[str, SX], P: VehicleParameters) -> dict[str, SX
 
 
 def fastest_rate(P: VehicleParameters) -> SX:
-    """The fastest decay [1/s] that the equations can have, about: of a wheel's spin, or of side-slip, both at rest.
+    """Approximate upper bound of the decay rates [1/s]: of a wheel's spin or of side-slip, both at rest.
 
-    Faster than either is nothing with sensible parameters: at rest the slips' speed of reference is v_slip/2. The spin
-    of a flat wheel has less slip stiffness, but there its resistance to rolling changes sign within v_roll.
+    With sensible parameters nothing is faster: at rest the slips' reference speed is v_slip/2. A flat wheel's spin has
+    less slip stiffness, but its rolling resistance changes sign within v_roll.
     """
     spin = P.R_w**2 * P.C_x / P.I_w
     side_slip = 2 * (P.C_f + P.C_r) * (1 + P.cornering_variation) / P.M

@@ -1,4 +1,4 @@
-"""The versions of FMI that Vehicle.fmu is packed for: all in which they differ, apart from the C and the XML itself."""
+"""The FMI versions of Vehicle.fmu: all their differences in packing, apart from the C and the XML itself."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Version:
-    """One version of the standard, as far as packing an FMU goes.
+    """What packing an FMU needs to know of one version of the standard.
 
     Attributes:
-        name: as a user asks for it.
+        name: as users write it.
         file: name of the FMU.
-        face: the C file in fmi/ that has the standard's functions.
-        prefix: what the names of those functions begin with.
+        face: the C file in fmi/ with the standard's functions.
+        prefix: of the names of those functions.
         headers: the standard's headers.
         xml: the function of `model_description` that writes modelDescription.xml.
-        image: where the FMU's picture lies besides terminalsAndIcons/, or None.
-        folders: platform to the folders of binaries/ that are searched for it, where that is not the one of the
-            platform's own name. Platforms that share a folder share one universal binary.
+        image: path of the FMU's picture besides the one in terminalsAndIcons/, or None.
+        folders: platform to its folders in binaries/, if not just the folder of the platform's name. Platforms that
+            share a folder share one universal binary.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Version:
     folders: Mapping[str, tuple[str, ...]] = field(default_factory=dict, hash=False)
 
     def folders_of(self, platform: str) -> tuple[str, ...]:
-        """The folders of binaries/ for a platform."""
+        """The folders in binaries/ for a platform."""
         return self.folders.get(platform, (platform,))
 
 
@@ -44,8 +44,8 @@ FMI2 = Version(
     headers=("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     xml="fmi2_xml",
     image="model.png",
-    # FMI 2.0.4, section 2.3: names of its own for x86, FMI 3.0's platform tuples for all else. Importers older than
-    # that look on an Apple M for darwin64 as well.
+    # FMI 2.0.4, section 2.3: FMI 2.0's own names for x86, FMI 3.0's platform tuples for all others. Older importers on
+    # an Apple M also look for darwin64.
     folders={
         "x86-linux": ("linux32",),
         "x86_64-linux": ("linux64",),

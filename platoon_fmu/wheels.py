@@ -1,4 +1,4 @@
-"""The wheels in the paper's order, the only one there is: 1 front left, 2 rear left, 3 rear right, 4 front right.
+"""The wheels in the paper's order, used everywhere: 1 front left, 2 rear left, 3 rear right, 4 front right.
 
 No dependencies, so that a controller may know the order without the model.
 """
@@ -10,8 +10,8 @@ class Wheel(NamedTuple):
     """One wheel.
 
     Attributes:
-        name: what its variables end with.
-        label: its name in words.
+        name: suffix of its variables.
+        label: its name for display.
         side: +1 left, -1 right.
         front: whether it is on the front axle, which steers.
     """
@@ -32,4 +32,4 @@ WHEELS = (
 WHEEL_NAMES = tuple(wheel.name for wheel in WHEELS)
 
 FL, RL, RR, FR = range(len(WHEELS))
-"""The places of the wheels in whatever has a value for each."""
+"""The wheels' indices in arrays with a value per wheel."""

@@ -239,7 +239,7 @@ def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path, r
 def test_fmu_info_of_another_archive_is_refused(tmp_path, refused):
     with zipfile.ZipFile(tmp_path / "other.fmu", "w") as archive:
         archive.writestr("modelDescription.xml", "<foo/>")
-    assert "other.fmu is no FMU" in refused("fmu", "info", "other.fmu", cwd=tmp_path)
+    assert "other.fmu is not an FMU" in refused("fmu", "info", "other.fmu", cwd=tmp_path)
 
 
 def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path, refused):

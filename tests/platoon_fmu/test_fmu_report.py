@@ -219,7 +219,7 @@ def test_bad_files_are_refused(tmp_path):
         archive.writestr("modelDescription.xml", "<nothing/>")
     assert "missing.fmu: no such file" in refused("missing.fmu", cwd=tmp_path)
     assert "not a zip file" in refused("garbage.fmu", cwd=tmp_path)
-    assert "other.fmu is no FMU" in refused("other.fmu", cwd=tmp_path)
+    assert "other.fmu is not an FMU" in refused("other.fmu", cwd=tmp_path)
 
 
 def test_bad_places_are_refused_before_anything_is_driven(fmu_path, tmp_path):

@@ -352,7 +352,7 @@ def test_fmi3_binary_for_apples_processors_is_signed(quick):
 def test_a_universal_binary_is_made_of_mach_o_only(quick):
     library = quick[FMI3].binary("x86_64-darwin")
     assert universal_binary([library]) == library
-    with pytest.raises(ValueError, match="no 64-bit Mach-O"):
+    with pytest.raises(ValueError, match="not a 64-bit Mach-O"):
         universal_binary([library, quick[FMI3].binary("x86_64-linux")])
 
 

@@ -189,7 +189,7 @@ def test_what_is_no_fault_is_no_problem(spring, version, feature):
 @EITHER_VERSION
 def test_an_event_that_does_not_settle_is_a_problem_of_every_model_exchange_check(spring, version):
     checks = list(validate(spring(version, "FAULT_UNSETTLED")))
-    text = "the event at t = 0 s does not settle in 1000 iterations"
+    text = "the event at t = 0 s does not settle within 1000 iterations"
     assert all(check.text.startswith(text) for check in checks if check.kind == ME)
     assert found(checks, "short run", CS).outcome is Outcome.PASSED
 
@@ -260,7 +260,7 @@ def test_a_binary_that_is_no_library_is_a_bad_file(fmu_path, tmp_path):
 
 def test_a_binary_of_another_name_is_a_bad_file(spring):
     fmu = spring(2, replace=('modelIdentifier="Spring"', 'modelIdentifier="Other"'))
-    with pytest.raises(FmuError, match="has no binary for Model Exchange where this platform has one"):
+    with pytest.raises(FmuError, match="has no binary for Model Exchange"):
         list(validate(fmu))
 
 
