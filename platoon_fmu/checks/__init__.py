@@ -1,1 +1,1 @@
-"""Checks of any FMU, also while it runs: `validate` lists what they found."""
+"""Static and dynamic checks of any FMU; `validate` lists their findings."""

@@ -1,8 +1,8 @@
-"""The process that makes the dynamic checks: `python -m platoon_fmu.checks.check_process FOLDER SECONDS`.
+"""The process that runs the dynamic checks: `python -m platoon_fmu.checks.check_process FOLDER SECONDS`.
 
-FOLDER is where the FMU is unpacked, SECONDS how long a check may take. Each check is a process of its own, a copy of
-this one. The answer on standard output is a JSON object a line: first whether the binaries can be loaded, then the
-checks in order.
+FOLDER contains the unpacked FMU, SECONDS is the time limit of a check. Each check runs in a separate process, forked
+from this one. Standard output has one JSON object per line: first whether the binaries can be loaded, then the checks
+in order.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-# For the checks' processes, which as copies of this one have it then; `trial` imports it where it is needed.
+# Imported here for the checks' forked processes; `trial` imports it only when needed.
 import scipy.integrate  # noqa: F401
 
 from platoon_fmu.checks.dynamic_checks import CHECKS, DynamicCheck, Subject
@@ -24,7 +24,7 @@ from platoon_fmu.importer import Kind, OpenFmu, load
 
 
 def unloadable(fmu: OpenFmu, timeout_s: float) -> str:
-    """Why a binary of the FMU cannot be loaded; empty where all can."""
+    """Why a binary of the FMU cannot be loaded; empty if all can."""
     for kind in fmu.kinds:
         try:
             isolated(_load, fmu.folder, kind, timeout_s=timeout_s, folder=fmu.folder)
@@ -40,9 +40,9 @@ def _load(folder: Path, kind: Kind) -> None:
 
 
 def checks(fmu: OpenFmu, timeout_s: float) -> Iterator[Check]:
-    """The dynamic checks, each made when it is asked for.
+    """Yield the dynamic checks, each run on demand.
 
-    Where a kind does not get through a short run alive, its other checks would end the same way and are not made.
+    If the short run of a kind crashes or hangs, its other checks would too, so they are skipped.
     """
     for kind in fmu.kinds:
         subject = Subject(fmu, kind, timeout_s)
@@ -53,12 +53,12 @@ def checks(fmu: OpenFmu, timeout_s: float) -> Iterator[Check]:
             why_not = dead or check.why_not(subject)
             finding = skipped(why_not) if why_not else _made(check, subject)
             if check is CHECKS[0] and isinstance(finding, _Death):
-                dead = "the short run did not come to its end"
+                dead = "the short run did not complete"
             yield Check(check.name, kind, finding.outcome, finding.text)
 
 
 class _Death(Finding):
-    """What a check found whose process died."""
+    """The finding of a check whose process died."""
 
 
 def _made(check: DynamicCheck, subject: Subject) -> Finding:
@@ -74,7 +74,7 @@ def _make(name: str, subject: Subject) -> Finding:
 
 
 def main() -> None:
-    """Answers on standard output."""
+    """Writes the results to standard output."""
     fmu, timeout_s = OpenFmu.unpacked(Path(sys.argv[1])), float(sys.argv[2])
     reason = unloadable(fmu, timeout_s)
     _answer({"unloadable": reason})

@@ -1,7 +1,7 @@
-"""The checks that call an FMU's functions: what its capability flags claim is tried.
+"""The checks that call an FMU's functions: they exercise what its capability flags claim.
 
-Each check is a function of a `Subject`; `CHECKS` lists them. To be called in a process of its own (`isolation`), as
-the binary may be any.
+Each check is a function of a `Subject`; `CHECKS` lists them. Call it in a separate process (`isolation`), because the
+binary is not trusted.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from platoon_fmu.importer import Instance, Kind, OpenFmu, Value
 
 Array = NDArray[np.float64]
 
-#: How far Model Exchange and Co-Simulation may be apart: of what a variable goes through in the run, and of its size.
+#: Allowed difference of Model Exchange and Co-Simulation, relative to a variable's range in the run and to its size.
 TOLERANCE_OF_RANGE = 0.05
 TOLERANCE_OF_SIZE = 1e-6
 
-#: More inputs and states than this are not tried one by one: that would take longer than a check may.
+#: Largest number of inputs and states that are varied one by one; more would exceed a check's time limit.
 MOST_KNOWNS = 1000
 
 _FIRST_STEPS = 3
@@ -64,8 +64,8 @@ class Subject:
     Attributes:
         fmu: the FMU.
         kind: its interface type.
-        timeout_s: how long a process that a check starts may take [s].
-        instances: all that were made, to be freed together.
+        timeout_s: time limit of a process started by a check [s].
+        instances: all created instances, freed together.
     """
 
     fmu: OpenFmu
@@ -75,7 +75,7 @@ class Subject:
 
     @property
     def only_once(self) -> bool:
-        """Whether a process may hold one instance only."""
+        """Whether a process may create only one instance."""
         return any(self.fmu.claims(kind, "canBeInstantiatedOnlyOncePerProcess") for kind in self.fmu.kinds)
 
     @property
@@ -85,7 +85,7 @@ class Subject:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The variables that are looked at."""
+        """The variables that are compared."""
         return observed(self.fmu, self.kind)
 
     def instance(self, kind: Kind | None = None) -> Instance:
@@ -94,16 +94,16 @@ class Subject:
         return self.instances[-1]
 
     def started(self, values: Mapping[str, list[float]] | None = None, kind: Kind | None = None) -> Instance:
-        """A new instance that has been started, with other start values where they are given."""
+        """A new, started instance, with other start values if given."""
         return self.start(self.instance(kind), values)
 
     def start(self, instance: Instance, values: Mapping[str, list[float]] | None = None) -> Instance:
-        """Starts an instance as the FMU's DefaultExperiment says."""
+        """Starts an instance according to the FMU's DefaultExperiment."""
         times = experiment(self.fmu)
         return instance.start(values, time=times.start, tolerance=times.tolerance)
 
     def run(self, instance: Instance, steps: int = STEPS) -> list[Snapshot]:
-        """Goes some steps on; the values after each."""
+        """Advances by some steps; the values after each."""
         return run(instance, self.names, self.h, steps)
 
     def free(self) -> None:
@@ -119,9 +119,9 @@ class DynamicCheck:
 
     Attributes:
         name: what it checks.
-        find: makes the check.
-        why_not: why it is not made of an FMU's kind; empty where it is.
-        concerns: whether it has any meaning for an FMU's kind; where not, nothing is said of it.
+        find: runs the check.
+        why_not: why it is skipped for an FMU's kind; empty if it is run.
+        concerns: whether it applies to an FMU's kind; if not, it is not listed.
     """
 
     name: str
@@ -130,7 +130,7 @@ class DynamicCheck:
     concerns: Callable[[Subject], bool] = lambda _: True
 
     def __call__(self, subject: Subject) -> Finding:
-        """Makes the check; whatever the FMU does wrong is what it finds."""
+        """Runs the check; any error of the FMU becomes its finding."""
         try:
             finding = self.find(subject)
             subject.free()
@@ -176,7 +176,7 @@ def _steps(subject: Subject) -> str:
     return f"{STEPS} steps of {subject.h:g} s"
 
 
-# ---- runs that are to be the same bit for bit ----
+# ---- runs that must be bit-identical ----
 
 
 def _same(expected: Sequence[Snapshot], found: Sequence[Snapshot], *, after: str, what: str, fine: str) -> Finding:
@@ -184,11 +184,11 @@ def _same(expected: Sequence[Snapshot], found: Sequence[Snapshot], *, after: str
     if different is None:
         return passed(fine)
     step, name, one, other = different
-    return problem(f"{name} is {other!r} {_count(step, 'step')} after {after}, and {one!r} {what}")
+    return problem(f"{name} is {other!r} {_count(step, 'step')} after {after}, but {one!r} {what}")
 
 
 def _disturb(subject: Subject, instance: Instance, inputs: Mapping[str, list[float]]) -> None:
-    """Has an instance do something else than before: other inputs, and steps."""
+    """Drives an instance to another state: other inputs, and steps."""
     instance.set(inputs)
     subject.run(instance, _FIRST_STEPS)
 
@@ -202,14 +202,14 @@ def _moved_inputs(fmu: OpenFmu) -> dict[str, list[float]]:
 
 
 def _under_way(subject: Subject) -> Instance:
-    """An instance in a state that differs from any that it starts in, its inputs included."""
+    """An instance whose state and inputs differ from every start."""
     instance = subject.started(moved_start(subject.fmu))
     subject.run(instance, _FIRST_STEPS)
     return instance
 
 
 def state_restored(subject: Subject) -> Finding:
-    """Saved, run on, restored and run on again gives the same bits."""
+    """A continuation from a restored state is bit-identical to the first continuation."""
     instance = _under_way(subject)
     before, state, time = instance.read(*subject.names), instance.save(), instance.time
     expected = subject.run(instance)
@@ -218,51 +218,51 @@ def state_restored(subject: Subject) -> Finding:
     back = first_difference([before], [instance.read(*subject.names)])
     if back is not None:
         _, name, was, now = back
-        return problem(f"{name} is {now!r} when the state is restored, and was {was!r} when it was saved")
+        return problem(f"{name} is {now!r} after the state was restored, but was {was!r} when it was saved")
     found = subject.run(instance)
     instance.discard(state)
     return _same(
         expected,
         found,
         after="the state was restored",
-        what="when run on from there the first time",
-        fine=f"{_steps(subject)} after restoring are the same bits ({_count(len(subject.names), 'variable')})",
+        what="in the first continuation",
+        fine=f"{_steps(subject)} after restoring are bit-identical ({_count(len(subject.names), 'variable')})",
     )
 
 
 def state_in_another_process(subject: Subject) -> Finding:
-    """A serialised state goes on in another process and gives the same bits."""
+    """The continuation from a serialised state in another process is bit-identical."""
     instance = _under_way(subject)
     content = instance.serialise()
     header = {"folder": str(subject.fmu.folder), "kind": subject.kind, "time": instance.time}
     expected = subject.run(instance)
     command = [sys.executable, "-P", "-m", "platoon_fmu.checks.resumed", json.dumps(header), str(subject.timeout_s)]
-    # It ends itself when it takes too long.
+    # It terminates itself on timeout.
     done = subprocess.run(command, input=content, capture_output=True, check=False)
     answer = _answer(done)
     found = [{name: tuple(values) for name, values in snapshot.items()} for snapshot in answer]
     return _same(
         expected,
         found,
-        after="the state came to another process",
+        after="the state was restored in another process",
         what="in this one",
-        fine=f"{_steps(subject)} in another process are the same bits (a state of {_count(len(content), 'byte')})",
+        fine=f"{_steps(subject)} in another process are bit-identical (state size {_count(len(content), 'byte')})",
     )
 
 
 def _answer(done: subprocess.CompletedProcess[bytes]) -> Any:
-    """What the other process gave.
+    """The values computed by the other process.
 
     Raises:
         FmuError: it crashed, or the FMU refused.
     """
     if done.returncode:
-        raise FmuError(f"the process that the state came to {cause_of_death(done.returncode, done.stderr)}")
+        raise FmuError(f"the process that restored the state {cause_of_death(done.returncode, done.stderr)}")
     return json.loads(done.stdout)
 
 
 def interleaved(subject: Subject) -> Finding:
-    """Two instances with different starts, stepped in turns, give the same bits as alone."""
+    """Two instances with different starts, stepped alternately, are bit-identical to each run alone."""
     starts: list[dict[str, list[float]]] = [{}, moved_start(subject.fmu)]
     alone = []
     for values in starts:
@@ -280,7 +280,7 @@ def interleaved(subject: Subject) -> Finding:
             other,
             after="the start in turns with another instance",
             what="alone",
-            fine=f"{_steps(subject)} of two in turns are the same bits as of each alone",
+            fine=f"{_steps(subject)} of two alternating instances are bit-identical to each run alone",
         )
         if finding.outcome is Outcome.PROBLEM:
             return finding
@@ -288,7 +288,7 @@ def interleaved(subject: Subject) -> Finding:
 
 
 def reset(subject: Subject) -> Finding:
-    """After a reset and the same start it gives the same bits as when it was new."""
+    """After a reset and the same start, a run is bit-identical to that of a new instance."""
     instance = subject.started()
     expected = subject.run(instance)
     _disturb(subject, instance, _moved_inputs(subject.fmu))
@@ -299,7 +299,7 @@ def reset(subject: Subject) -> Finding:
         subject.run(instance),
         after="a reset and a new start",
         what="when new",
-        fine=f"{_steps(subject)} after a reset are the same bits",
+        fine=f"{_steps(subject)} after a reset are bit-identical",
     )
 
 
@@ -308,13 +308,13 @@ def reset(subject: Subject) -> Finding:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where an instance's derivatives are compared with differences.
+    """An operating point at which an instance's derivatives are compared with differences.
 
     Attributes:
-        point: the point that differences are made at.
-        instance: the instance at this point whose derivatives are asked for.
-        unknowns: names of the first of the point's unknowns.
-        knowns: names of the first of the point's knowns.
+        point: where the differences are taken.
+        instance: the instance at this point that provides the derivatives.
+        unknowns: names of the point's first unknowns.
+        knowns: names of the point's first knowns.
     """
 
     point: Point
@@ -324,7 +324,7 @@ class _Place:
 
 
 def _points(subject: Subject) -> Iterator[Point]:
-    """Where derivatives are looked at; a second point takes a second instance."""
+    """Yield the operating points; a second point needs a second instance."""
     yield start_point(subject.instance(Kind.MODEL_EXCHANGE))
     if not subject.only_once:
         point = moved_point(subject.instance(Kind.MODEL_EXCHANGE))
@@ -333,7 +333,7 @@ def _points(subject: Subject) -> Iterator[Point]:
 
 
 def _places(subject: Subject) -> Iterator[_Place]:
-    """In Co-Simulation states cannot be set: outputs over inputs at the start."""
+    """In Co-Simulation, where states cannot be set: outputs with respect to inputs at the start."""
     if subject.kind is Kind.MODEL_EXCHANGE:
         for point in _points(subject):
             yield _Place(point, point.instance, point.unknowns.names, point.knowns)
@@ -346,12 +346,12 @@ def _places(subject: Subject) -> Iterator[_Place]:
 
 
 def directional_derivatives(subject: Subject) -> Finding:
-    """The FMU's directional derivatives are those that differences give."""
+    """The FMU's directional derivatives agree with differences."""
     return _derivatives(subject, adjoint=False)
 
 
 def adjoint_derivatives(subject: Subject) -> Finding:
-    """The FMU's adjoint derivatives are those that differences give."""
+    """The FMU's adjoint derivatives agree with differences."""
     return _derivatives(subject, adjoint=True)
 
 
@@ -375,7 +375,7 @@ def _derivatives(subject: Subject, *, adjoint: bool) -> Finding:
 
 
 def _far_from(place: _Place, expected: Differences, *, adjoint: bool) -> str:
-    """Which derivative is the farthest from what differences give; empty where none is far."""
+    """The derivative with the largest deviation from differences; empty if all agree."""
     m, n = place.instance.size(*place.unknowns), place.instance.size(*place.knowns)
     derivative = place.instance.adjoint_derivative if adjoint else place.instance.directional_derivative
 
@@ -397,27 +397,27 @@ def _far_from(place: _Place, expected: Differences, *, adjoint: bool) -> str:
 
 
 def dependencies(subject: Subject) -> Finding:
-    """No unknown reacts to a known that is not declared as its dependency."""
+    """No unknown depends on a known that is not declared as its dependency."""
     checked = []
     for point in _points(subject):
         reactions = undeclared_reactions(point)
         if reactions:
             r = reactions[0]
             return problem(
-                f"{r.unknown} does not declare that it depends on {r.known}, and goes from {r.to[0]:.9g} to "
-                f"{r.to[1]:.9g} when that goes from {r.of[0]:.9g} to {r.of[1]:.9g}, {point.where}"
+                f"{r.unknown} declares no dependency on {r.known}, but changes from {r.to[0]:.9g} to "
+                f"{r.to[1]:.9g} when {r.known} changes from {r.of[0]:.9g} to {r.of[1]:.9g}, {point.where}"
                 f"{_more(len(reactions) - 1, 'dependency')}"
             )
         checked.append(point.where)
     size = f"{_count(len(point.unknowns), 'unknown')}, {_count(len(point.x), 'known')}"
-    return passed(f"nothing reacts to what it does not declare: {size}, {' and '.join(checked)}")
+    return passed(f"no undeclared dependencies: {size}, {' and '.join(checked)}")
 
 
 # ---- both kinds ----
 
 
 def as_model_exchange(subject: Subject) -> Finding:
-    """Co-Simulation goes where the integration of Model Exchange goes, with the FMU's start values and with others."""
+    """Co-Simulation agrees with integrated Model Exchange, with the FMU's start values and with others."""
     names = _compared_variables(subject.fmu)
     if not names:
         return skipped("there are no continuous outputs and no states")
@@ -428,7 +428,7 @@ def as_model_exchange(subject: Subject) -> Finding:
             instance = subject.started(values, kind)
             traces.append([instance.read(*names), *run(instance, names, subject.h)])
             if instance.next_event_time is not None:
-                return skipped("the FMU has time events, which are handled at the end of a step only")
+                return skipped("the FMU has time events, which are only handled at the end of a step")
         finding = _near(subject, names, traces, where)
         if finding.outcome is not Outcome.PASSED:
             return finding
@@ -445,7 +445,7 @@ def _near(subject: Subject, names: Sequence[str], traces: Sequence[Sequence[Snap
         np.array([[element for name in names for element in snapshot[name]] for snapshot in trace]) for trace in traces
     )
     if not (np.isfinite(exchange).all() and np.isfinite(simulation).all()):
-        return skipped("not all values are finite numbers; see the short runs")
+        return skipped("not all values are finite; see the short runs")
     variables = {v.name: v for v in subject.fmu.description.modelVariables}
     compared = elements([variables[name] for name in names])
     nominal = np.where(compared.scale > 0.0, compared.scale, 1.0)
@@ -487,7 +487,7 @@ def _no_differences(flag: str) -> Callable[[Subject], str]:
             return _unclaimed(flag)(subject) or _too_many(subject)
         why = _unclaimed(flag)(subject)
         if not why and Kind.MODEL_EXCHANGE not in subject.fmu.kinds:
-            why = "there is no Model Exchange to make differences of"
+            why = "differences need Model Exchange, which the FMU lacks"
         return why or _no_second_instance(subject) or _too_many(subject)
 
     return why_not
@@ -500,7 +500,7 @@ def _too_many(subject: Subject) -> str:
 
 def _nothing_declared(subject: Subject) -> str:
     if not declares_dependencies(subject.fmu):
-        return "ModelStructure declares no dependencies, so any may be there"
+        return "ModelStructure declares no dependencies, so any are allowed"
     return _too_many(subject)
 
 

@@ -1,4 +1,4 @@
-"""What the checks of an FMU find."""
+"""The findings of an FMU's checks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found.
+    """The result of one check.
 
     Attributes:
         outcome: how it ended.
@@ -29,11 +29,11 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """One check of an FMU and what it found.
+    """One check of an FMU and its finding.
 
     Attributes:
         name: what was checked.
-        kind: the interface type it was checked of; empty where it is the FMU as a whole.
+        kind: the interface type that was checked; empty for the FMU as a whole.
         outcome: how it ended.
         text: one line, as in `Finding`.
     """
@@ -50,7 +50,7 @@ def passed(text: str) -> Finding:
 
 
 def skipped(why: str) -> Finding:
-    """A check that was not made."""
+    """A check that was not run."""
     return Finding(Outcome.SKIPPED, why)
 
 

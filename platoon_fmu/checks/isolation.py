@@ -1,4 +1,4 @@
-"""Runs a function in a process of its own, so that a binary that crashes or hangs takes nobody along."""
+"""Runs a function in a separate process, so that a binary that crashes or hangs does not affect the caller."""
 
 from __future__ import annotations
 
@@ -18,19 +18,18 @@ T = TypeVar("T")
 
 
 def isolated(function: Callable[..., T], *arguments: Any, timeout_s: float, folder: Path) -> T:
-    """What a function returns, called in a process of its own.
+    """The return value of a function called in a separate process.
 
-    To be called from a process without threads: on Linux the other process is a copy of this one, which spares it
-    all imports.
+    The calling process must not have threads: on Linux the other process is forked from it, which saves all imports.
 
     Args:
-        function: one that a module has by name.
-        arguments: what it is called with; they and what it returns can be pickled.
-        timeout_s: how long it may take [s].
-        folder: where what the process prints is kept meanwhile.
+        function: a module-level function.
+        arguments: its arguments; they and its return value must be picklable.
+        timeout_s: its time limit [s].
+        folder: for the temporary file with the process's output.
 
     Raises:
-        ProcessDied: the process ended before the function returned, or did not come back in time.
+        ProcessDied: the process ended before the function returned, or timed out.
         FmuError: the function raised it.
     """
     fork = sys.platform == "linux"
@@ -43,7 +42,7 @@ def isolated(function: Callable[..., T], *arguments: Any, timeout_s: float, fold
         sender.close()
         try:
             if not receiver.poll(timeout_s):
-                raise ProcessDied(f"does not come back within {timeout_s:g} s")
+                raise ProcessDied(f"does not return within {timeout_s:g} s")
             answer = receiver.recv()
         except EOFError:
             process.join()
@@ -60,16 +59,16 @@ def isolated(function: Callable[..., T], *arguments: Any, timeout_s: float, fold
 
 
 def end_after(seconds: float) -> None:
-    """Lets the system end this process after some time, even within a call into a binary that hangs."""
+    """Has the system terminate this process after some time, even inside a binary that hangs."""
     if hasattr(signal, "setitimer"):
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_REAL, seconds)
 
 
 def _work(sender: Connection, said: Path, timeout_s: float, function: Callable[..., Any], arguments: Any) -> None:
-    # Where whoever waits for it is gone, nobody else ends it.
+    # If the waiting parent has died, nothing else would end it.
     end_after(timeout_s + 1.0)
-    # What binaries print is no part of the caller's own output.
+    # Keeps the binaries' output out of the caller's.
     with said.open("wb") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
@@ -81,18 +80,18 @@ def _work(sender: Connection, said: Path, timeout_s: float, function: Callable[.
 
 
 def cause_of_death(exit_code: int, said: bytes) -> str:
-    """How a process ended, and the last line that it printed.
+    """How a process ended, with its last line of output.
 
     Args:
         exit_code: as `subprocess` has it, negative for a signal.
-        said: what it printed.
+        said: its output.
     """
     if exit_code < 0:
         number = signal.Signals(-exit_code)
         cause = f"crashes with {number.name} ({signal.strsignal(number)})"
         if hasattr(signal, "SIGALRM") and number == signal.SIGALRM:
-            cause = "does not come back in time"
+            cause = "does not return in time"
     else:
         cause = f"ends with status {exit_code}"
     lines = [line.strip() for line in said.decode(errors="replace").splitlines() if line.strip()]
-    return f"{cause}; its last words: {lines[-1]}" if lines else cause
+    return f"{cause}; its last output: {lines[-1]}" if lines else cause

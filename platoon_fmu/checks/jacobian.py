@@ -1,4 +1,4 @@
-"""The Jacobian of an FMU's continuous unknowns over its continuous knowns, from differences of Model Exchange values.
+"""The Jacobian of an FMU's continuous unknowns with respect to its knowns, from differences in Model Exchange.
 
 FMI 2.0.4, section 2.1.9, and FMI 3.0.1, section 2.2.11: in Continuous-Time Mode the unknowns are the outputs and the
 states' derivatives, the knowns are the inputs and the states.
@@ -22,28 +22,28 @@ from platoon_fmu.importer import Instance, OpenFmu
 
 Array = NDArray[np.float64]
 
-# Steps of the differences, of a known's scale: small for derivatives, larger to see whether there is any reaction.
+# Difference steps, relative to a known's scale: small for derivatives, larger to detect any dependency.
 _STEP = 1e-5
 _REACTION_STEP = 1e-2
-# How far a derivative may be from what differences give: of itself, of the largest of its unknown's, of rounding.
+# Allowed deviation from differences: relative to the derivative, to its unknown's largest one, to rounding.
 _RELATIVE = 1e-4
 _OF_LARGEST = 1e-8
 _ROUNDINGS = 1000
-# How much differences over twice the step may differ where they are to tell anything.
+# Largest change of a difference when the step is doubled, for it to be usable.
 _UNRESOLVED = 0.1
-# A reaction is one that is above what an FMU's own iterations leave undecided.
+# Smallest relative change that counts as a reaction: above the tolerance of an FMU's internal iterations.
 _LEAST_REACTION = 1e-7
 _EPS = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True)
 class Elements:
-    """Variables one after another, an array with all of its elements.
+    """A flat list of variables, arrays with all their elements.
 
     Attributes:
         names: of the variables.
-        labels: of each element: the name, with its place in the array.
-        scale: of each element: what is a usual change of it.
+        labels: name of each element, with its index in an array.
+        scale: of each element: its typical change.
     """
 
     names: tuple[str, ...]
@@ -68,7 +68,7 @@ def states(fmu: OpenFmu) -> tuple[Any, ...]:
 
 
 def elements(variables: Sequence[Any]) -> Elements:
-    """The elements of variables."""
+    """Variables as elements."""
     labels: list[str] = []
     scale: list[float] = []
     for variable in variables:
@@ -83,13 +83,13 @@ class Point:
     """A Model Exchange instance at a point of its states and inputs.
 
     Attributes:
-        where: what the point is, for messages.
+        where: description of the point, for messages.
         instance: the instance.
         inputs: the continuous inputs.
         states: the continuous states.
-        unknowns: what depends on them.
-        x: inputs, then states: the point.
-        scale: of each of them: what is a usual change of it.
+        unknowns: the elements that depend on them.
+        x: the point: inputs, then states.
+        scale: typical change of each element of x.
     """
 
     where: str
@@ -101,7 +101,7 @@ class Point:
     scale: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        """Finds the scales: the nominal value where there is one, else the size of the value."""
+        """Sets the scales: the nominal value if there is one, otherwise the magnitude of the value."""
         nominal = np.concatenate([self.inputs.scale, self.states.scale])
         size = np.where(self.x != 0.0, np.abs(self.x), 1.0)
         self.scale = np.where(nominal > 0.0, np.maximum(nominal, np.abs(self.x)), size)
@@ -117,13 +117,13 @@ class Point:
         return (*self.inputs.labels, *self.states.labels)
 
     def at(self, x: Array) -> Array:
-        """The unknowns with other knowns; the instance is left at these."""
+        """The unknowns with other knowns, which the instance keeps."""
         self.instance.set(self.input_values(x))
         self.instance.set_states(x[len(self.inputs) :])
         return self.instance.get(*self.unknowns.names)
 
     def input_values(self, x: Array) -> dict[str, list[float]]:
-        """The inputs among knowns, by name."""
+        """The inputs of a vector of knowns, by name."""
         values, place = {}, 0
         for name in self.inputs.names:
             size = self.instance.size(name)
@@ -132,14 +132,14 @@ class Point:
         return values
 
     def along(self, j: int, h: float) -> Array:
-        """The unknowns where the known j is h from the point."""
+        """The unknowns with the known j moved by h."""
         x = self.x.copy()
         x[j] += h
         return self.at(x)
 
 
 def start_point(instance: Instance) -> Point:
-    """The point that an instance starts at; inputs at a limit are moved off it by the step of differences."""
+    """The start point of an instance; inputs at a limit are moved off it by the difference step."""
     fmu = instance.fmu
     times = experiment(fmu)
     instance.start(time=times.start, tolerance=times.tolerance)
@@ -156,7 +156,7 @@ def start_point(instance: Instance) -> Point:
 
 
 def moved_point(instance: Instance) -> Point | None:
-    """A point a tenth of nominal values away from the start; None where the model has no finite values there."""
+    """A point a tenth of nominal values away from the start; None if the model has no finite values there."""
     start = start_point(instance)
     signs = np.where(np.arange(len(start.x)) % 3 == 1, -1.0, 1.0)
     x = start.x + 0.1 * signs * start.scale
@@ -176,7 +176,7 @@ def moved_point(instance: Instance) -> Point | None:
 
 
 def _within(variables: Sequence[Any], values: Array) -> Array:
-    """Values so far within their limits that differences can be made on both sides."""
+    """Values moved inside their limits so that two-sided differences are possible."""
     found, place = values.copy(), 0
     for variable in variables:
         size = math.prod(variable.shape or ())
@@ -197,8 +197,8 @@ class Differences:
 
     Attributes:
         J: central differences, (unknowns, knowns).
-        low: the least that a derivative may be, (unknowns, knowns); minus infinity where differences tell nothing.
-        high: the most that a derivative may be, (unknowns, knowns); infinity where differences tell nothing.
+        low: lower bounds of the derivatives, (unknowns, knowns); minus infinity where differences are unusable.
+        high: upper bounds of the derivatives, (unknowns, knowns); infinity where differences are unusable.
     """
 
     J: Array
@@ -207,10 +207,10 @@ class Differences:
 
 
 def differences(point: Point) -> Differences:
-    """The Jacobian at a point, and how well differences know it.
+    """The Jacobian at a point, with the bounds that differences give.
 
-    A derivative is to lie between the differences to both sides, which where there is a kink are not the same. Where
-    differences over another step give another derivative, there is something between that they do not resolve.
+    A derivative must lie between the one-sided differences, which differ at a kink. If another step gives another
+    derivative, the differences do not resolve the function.
     """
     here = point.at(point.x)
     of_knowns = [_column(point, here, j) for j in range(len(point.x))]
@@ -218,7 +218,7 @@ def differences(point: Point) -> Differences:
     J, wide, low, high, noise = parts
     largest = np.max(np.abs(J) * point.scale, axis=1, initial=0.0)[:, np.newaxis]
     slack = _RELATIVE * np.abs(J) + _OF_LARGEST * largest / point.scale + noise
-    # Three times the error that the two steps tell of.
+    # Three times the error estimated from the two steps.
     error = np.abs(J - wide)
     unresolved = error > _UNRESOLVED * np.abs(J) + slack
     slack += error
@@ -270,7 +270,7 @@ def undeclared_reactions(point: Point) -> list[Reaction]:
 
 
 def _declared(fmu: OpenFmu) -> list[tuple[str, set[int] | None]]:
-    """For each unknown element the references it is declared to depend on; None where it may depend on all."""
+    """For each unknown element, the references of its declared dependencies; None if it may depend on all."""
     rows = []
     for entry in unknowns(fmu):
         references = None if entry.dependencies is None else {v.valueReference for v in entry.dependencies}
@@ -283,5 +283,5 @@ def _names_of_elements(point: Point) -> list[str]:
 
 
 def declares_dependencies(fmu: OpenFmu) -> bool:
-    """Whether ModelStructure restricts what any of the unknowns depends on."""
+    """Whether ModelStructure restricts the dependencies of any unknown."""
     return any(entry.dependencies is not None for entry in unknowns(fmu))

@@ -1,7 +1,7 @@
-"""Goes on from an FMU's serialised state in another process: `python -m platoon_fmu.checks.resumed HEADER SECONDS`.
+"""Continues from an FMU's serialised state in another process: `python -m platoon_fmu.checks.resumed HEADER SECONDS`.
 
-HEADER is JSON with the folder that the FMU is unpacked in, the kind and the time of the state; SECONDS is how long this
-may take; the state comes by standard input. The values after each step go to standard output as JSON.
+HEADER is JSON with the folder of the unpacked FMU, the kind and the time of the state; SECONDS is the time limit; the
+state is read from standard input. The values after each step are written to standard output as JSON.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from platoon_fmu.importer import Instance, Kind, OpenFmu
 
 
 def main() -> None:
-    """Goes on; ends with status 1 and a line on standard error where the FMU refuses."""
+    """Continues the run; exits with status 1 and a line on standard error if the FMU refuses."""
     header = json.loads(sys.argv[1])
     end_after(float(sys.argv[2]))
-    # What the binary prints is not to get in between.
+    # Keeps the binary's output out of standard output.
     answer = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     fmu, kind = OpenFmu.unpacked(Path(header["folder"])), Kind(header["kind"])
@@ -28,7 +28,7 @@ def main() -> None:
         with Instance(fmu, kind) as instance:
             instance.deserialise(sys.stdin.buffer.read(), header["time"])
             snapshots = run(instance, observed(fmu, kind), experiment(fmu).step)
-    except Exception as error:  # noqa: BLE001 - whatever the FMU does wrong is what the caller wants to know
+    except Exception as error:  # noqa: BLE001 - the caller reports any error of the FMU
         sys.exit(str(error))
     with answer:
         json.dump(snapshots, answer)

@@ -1,4 +1,4 @@
-"""A short run of any FMU: with which start values, in which steps, and what is looked at after each."""
+"""A short run of any FMU: its start values, its steps, and the variables read after each."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import Instance, Kind, OpenFmu, Value
 
-#: How many steps a run has.
+#: Number of steps of a run.
 STEPS = 10
 
-#: The types whose variables are numbers that an integrator or a difference may be made of.
+#: The real types, which can be integrated and differenced.
 REAL = ("Real", "Float64")
 
-# Of a start value: its nominal value, or what is usual for its size.
+# Change of a start value, relative to its nominal value or magnitude.
 _MOVE_OF_NOMINAL = 0.1
 _MOVE_OF_START = 0.01
 _TOLERANCE = 1e-6
 
-#: The values of variables by name, arrays row by row.
+#: The values of variables by name, arrays in row-major order.
 Snapshot = dict[str, tuple[Value, ...]]
 
 
@@ -34,9 +34,9 @@ class Experiment:
     """The times of a run.
 
     Attributes:
-        start: time that it starts at [s].
-        step: time from one communication point to the next [s].
-        tolerance: relative tolerance that the FMU's own solver is told, or None.
+        start: start time [s].
+        step: communication step size [s].
+        tolerance: relative tolerance for the FMU's own solver, or None.
     """
 
     start: float
@@ -45,7 +45,7 @@ class Experiment:
 
 
 def experiment(fmu: OpenFmu) -> Experiment:
-    """What the FMU's DefaultExperiment asks for; without a step size, a thousandth of its length, or 0.01 s."""
+    """The times in the FMU's DefaultExperiment; without a step size, a thousandth of its duration, or 0.01 s."""
     default = fmu.description.defaultExperiment
     start = number(default.startTime if default else None) or 0.0
     stop = number(default.stopTime if default else None)
@@ -59,7 +59,7 @@ def experiment(fmu: OpenFmu) -> Experiment:
 
 
 def number(text: Any) -> float | None:
-    """A number of modelDescription.xml; None where there is none, or what is there is no finite number."""
+    """A number in modelDescription.xml; None if absent or not a finite number."""
     try:
         value = float(text)
     except (TypeError, ValueError):
@@ -68,13 +68,13 @@ def number(text: Any) -> float | None:
 
 
 def limit(variable: Any, name: str) -> float | None:
-    """The `min`, `max` or `nominal` of a variable, which its type may carry for it."""
+    """The `min`, `max` or `nominal` of a variable, possibly from its declared type."""
     own = number(getattr(variable, name))
     return own if own is not None or variable.declaredType is None else number(getattr(variable.declaredType, name))
 
 
 def start_values(variable: Any) -> list[float] | None:
-    """The start values of a real variable's elements; None where it has none."""
+    """The start values of a real variable's elements; None if absent."""
     count = math.prod(variable.shape or ())
     values = [number(text) for text in (variable.start or "").split()]
     found = [value for value in values if value is not None]
@@ -89,10 +89,10 @@ def continuous_inputs(fmu: OpenFmu) -> tuple[Any, ...]:
 
 
 def moved_start(fmu: OpenFmu) -> dict[str, list[float]]:
-    """Other start values than the FMU's own, within the limits, for what makes the most difference that there is.
+    """Start values within the limits that differ from the FMU's own, for the most influential kind of variable.
 
     Returns:
-        start values by name: of the inputs, without any of the states, without any of the parameters.
+        start values by name: of the inputs; if there are none, of the states; if there are none, of the parameters.
     """
     states = [v for v in _real(fmu) if v.initial == "exact" and v.variability == "continuous"]
     parameters = [v for v in _real(fmu) if v.causality == "parameter"]
@@ -121,7 +121,7 @@ def _away(start: float, nominal: float | None, least: float | None, most: float 
 
 
 def observed(fmu: OpenFmu, kind: Kind) -> tuple[str, ...]:
-    """What is looked at: the outputs; in Model Exchange states and derivatives too; where that is nothing, all else."""
+    """The variables to read: outputs, and in Model Exchange states and derivatives; all others if there are none."""
     variables = [v for v in fmu.description.modelVariables if v.type not in ("Binary", "Clock") and v.alias is None]
     names = [v.name for v in variables if v.causality == "output"]
     if kind is Kind.MODEL_EXCHANGE:
@@ -132,12 +132,12 @@ def observed(fmu: OpenFmu, kind: Kind) -> tuple[str, ...]:
 
 
 def advance(instance: Instance, h: float) -> None:
-    """Goes h seconds on, in Model Exchange by integration.
+    """Advances by h seconds, in Model Exchange by integration.
 
-    The same values, bit for bit, come of the same state.
+    The same state gives the same values, bit for bit.
 
     Raises:
-        FmuError: a derivative is no finite number, or the states cannot be integrated.
+        FmuError: a derivative is not finite, or the states cannot be integrated.
     """
     if instance.kind is Kind.CO_SIMULATION:
         instance.step(h)
@@ -163,7 +163,7 @@ def _integrated(instance: Instance, end: float) -> NDArray[np.float64]:
             raise FmuError(f"{names[wrong[0]]} is {found[wrong[0]]} at t = {time:g} s")
         return found
 
-    # Stiff or not, as the model may be.
+    # For stiff and non-stiff models.
     solution = solve_ivp(
         derivatives, (instance.time, end), x, method="LSODA", rtol=_TOLERANCE, atol=_TOLERANCE * nominal
     )
@@ -174,7 +174,7 @@ def _integrated(instance: Instance, end: float) -> NDArray[np.float64]:
 
 
 def _derivative_elements(instance: Instance) -> tuple[list[str], NDArray[np.float64]]:
-    """Of each element of the state vector: its derivative's name, and its own nominal value."""
+    """For each element of the state vector: the name of its derivative, and its nominal value."""
     names: list[str] = []
     nominals: list[float] = []
     for unknown in instance.fmu.description.derivatives:
@@ -185,7 +185,7 @@ def _derivative_elements(instance: Instance) -> tuple[list[str], NDArray[np.floa
 
 
 def run(instance: Instance, names: Sequence[str], h: float, steps: int = STEPS) -> list[Snapshot]:
-    """Goes some steps on; the values after each."""
+    """Advances by some steps; the values after each."""
     snapshots = []
     for _ in range(steps):
         advance(instance, h)
@@ -194,11 +194,10 @@ def run(instance: Instance, names: Sequence[str], h: float, steps: int = STEPS) 
 
 
 def first_difference(one: Sequence[Snapshot], other: Sequence[Snapshot]) -> tuple[int, str, Value, Value] | None:
-    """Where two runs first are not the same, bit for bit.
+    """The first difference between two runs, compared bit for bit.
 
     Returns:
-        the step, counted from 1, the variable, its value in the one and in the other; None where there is no
-        difference.
+        the step, counted from 1, the variable, its values in both runs; None if there is no difference.
     """
     for step, (a, b) in enumerate(zip(one, other, strict=True), start=1):
         for name, values in a.items():

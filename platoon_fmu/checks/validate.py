@@ -1,4 +1,4 @@
-"""All checks of an FMU: fmpy's static ones, and what a binary for this platform does when it is called."""
+"""All checks of an FMU: fmpy's static ones, and dynamic ones with its binary for this platform."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from platoon_fmu.errors import FmuError
 if TYPE_CHECKING:
     from platoon_fmu.importer import OpenFmu
 
-#: How long one dynamic check may take before its FMU counts as hung [s].
+#: Time after which a dynamic check counts as hung [s].
 TIMEOUT_S = 60.0
 
 
 def validate(fmu: Path, timeout_s: float = TIMEOUT_S) -> Iterator[Check]:
-    """Checks an FMU, each check made when it is asked for.
+    """Yield the checks of an FMU, each run on demand.
 
     Args:
         fmu: the file.
-        timeout_s: how long one dynamic check may take [s].
+        timeout_s: time limit of one dynamic check [s].
 
     Raises:
-        FmuError: the file is missing, damaged or no FMU, or its binary for this platform is missing or does not load;
-            that it is missing is said after the static checks.
+        FmuError: the file is missing, damaged or not an FMU, or its binary for this platform does not load or is
+            missing (reported after the static checks).
     """
     from platoon_fmu.importer import opened
 
@@ -51,9 +51,9 @@ def validate(fmu: Path, timeout_s: float = TIMEOUT_S) -> Iterator[Check]:
 
 
 def static_checks(fmu: Path) -> Iterator[Check]:
-    """What fmpy finds in the archive's names and its modelDescription.xml.
+    """Yield fmpy's findings in the archive's names and its modelDescription.xml.
 
-    At the first error against the XML schema fmpy looks no further.
+    fmpy stops at the first violation of the XML schema.
     """
     from fmpy.validation import validate_fmu
 
@@ -61,27 +61,27 @@ def static_checks(fmu: Path) -> Iterator[Check]:
     for text in problems:
         yield Check("static", "", Outcome.PROBLEM, text)
     if not problems:
-        yield Check("static", "", Outcome.PASSED, "fmpy finds nothing wrong in schema, variables and model structure")
+        yield Check("static", "", Outcome.PASSED, "fmpy finds no problems in schema, variables and model structure")
 
 
 def _why_not_run(fmu: OpenFmu) -> str:
     import fmpy
 
-    others = f"it has some for {', '.join(fmu.platforms)}" if fmu.platforms else "it has none at all"
-    mend = "; `python -m fmpy compile` makes one of its C sources" if any(fmu.folder.glob("sources/*.c")) else ""
-    return f"the FMU has no binary for this platform, {fmpy.platform_tuple}, and cannot be run here; {others}{mend}"
+    others = f"it has binaries for {', '.join(fmu.platforms)}" if fmu.platforms else "it has no binaries"
+    mend = "; `python -m fmpy compile` builds one from its C sources" if any(fmu.folder.glob("sources/*.c")) else ""
+    return f"the FMU cannot be run: it has no binary for this platform, {fmpy.platform_tuple}; {others}{mend}"
 
 
 @contextmanager
 def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Iterator[Check]]:
-    """A process at work, and what it finds.
+    """The running check process's findings.
 
     Raises:
         FmuError: a binary cannot be loaded.
     """
-    # -P: nothing that lies in the working directory is taken for a module.
+    # -P: do not import modules from the working directory.
     command = [sys.executable, "-P", "-m", "platoon_fmu.checks.check_process", str(folder), str(timeout_s)]
-    # In a session of its own, so that all processes it starts can be ended with it.
+    # In a new session, so that all its child processes can be ended with it.
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
@@ -104,7 +104,7 @@ def _end(process: subprocess.Popen[str]) -> None:
 
 
 def _answers(process: subprocess.Popen[str]) -> Iterator[dict[str, str]]:
-    """What a process says line by line, to its end.
+    """Yield the output of a process line by line until it ends.
 
     Raises:
         FmuError: it ended before it was done.

@@ -42,17 +42,17 @@ FAULTS = {
         {(ME, "adjoint derivatives"), (CS, "adjoint derivatives")},
         "d y / d u: the FMU gives 1, differences give 0.5",
     ),
-    "DEPENDENCY": ({(ME, "declared dependencies")}, "y does not declare that it depends on v, and goes from 1.25 to"),
+    "DEPENDENCY": ({(ME, "declared dependencies")}, "y declares no dependency on v, but changes from 1.25 to"),
     "RESTORE": (
         {(kind, name) for kind in Kind for name in ("state restored", "state in another process")},
-        "1 step after the state came to another process",
+        "1 step after the state was restored in another process",
     ),
     "POINTER": (
         {(ME, "state in another process"), (CS, "state in another process")},
-        "the process that the state came to crashes with SIGSEGV",
+        "the process that restored the state crashes with SIGSEGV",
     ),
-    "SHARED": ({(ME, "instances in turns"), (CS, "instances in turns")}, "in turns with another instance, and"),
-    "RESET": ({(ME, "reset"), (CS, "reset")}, "1 step after a reset and a new start, and"),
+    "SHARED": ({(ME, "instances in turns"), (CS, "instances in turns")}, "in turns with another instance, but"),
+    "RESET": ({(ME, "reset"), (CS, "reset")}, "1 step after a reset and a new start, but"),
     "SOLVER": ({(CS, "as Model Exchange")}, "0.05 of its range in the run"),
     "NAN": ({(ME, "short run"), (CS, "short run")}, "y is nan at t = 0.02 s"),
     "CRASH": ({(CS, "short run")}, "crashes with SIGSEGV"),
@@ -132,10 +132,10 @@ def test_a_fault_is_found_by_the_check_that_is_there_for_it_and_by_no_other(spri
 def test_a_binary_that_hangs_is_one_problem_and_the_checks_go_on(spring, version):
     checks = list(validate(spring(version, "FAULT_HANG"), timeout_s=6.0))
     (hung,) = problems(checks)
-    assert (hung.kind, hung.name, hung.text) == (CS, "short run", "does not come back within 6 s")
+    assert (hung.kind, hung.name, hung.text) == (CS, "short run", "does not return within 6 s")
     later = checks[checks.index(hung) + 1 :]
     assert {check.outcome for check in later} == {Outcome.SKIPPED}
-    assert {check.text for check in later} == {"the short run did not come to its end"}
+    assert {check.text for check in later} == {"the short run did not complete"}
     assert found(checks, "declared dependencies").outcome is Outcome.PASSED
 
 
@@ -182,7 +182,7 @@ def test_what_is_no_fault_is_no_problem(spring, version, feature):
     assert problems(checks) == []
     assert found(checks, "short run", ME).outcome is Outcome.PASSED
     skipped = [check.text for check in checks if check.outcome is Outcome.SKIPPED]
-    events = "the FMU has time events, which are handled at the end of a step only"
+    events = "the FMU has time events, which are only handled at the end of a step"
     assert skipped == ([events] if feature == "WITH_TIME_EVENTS" else [])
 
 
@@ -214,7 +214,7 @@ def test_without_a_binary_for_this_platform_it_ends_after_the_static_checks(spri
     fmu = spring(version, platform="amiga-m68k")
     checks = validate(fmu)
     assert next(checks).outcome is Outcome.PASSED
-    with pytest.raises(FmuError, match=r"no binary for this platform, .*; it has some for amiga-m68k"):
+    with pytest.raises(FmuError, match=r"no binary for this platform, .*; it has binaries for amiga-m68k"):
         next(checks)
     done = subprocess.run(
         [sys.executable, "-m", "bench.cli", "fmu", "validate", str(fmu)], capture_output=True, text=True, check=False
