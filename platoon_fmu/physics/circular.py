@@ -18,7 +18,7 @@ from platoon_fmu.physics.reference import (
 )
 
 SPEED = 20.0
-"""Of the test [m/s]."""
+"""Speed of the test [m/s]."""
 HOLD_S = 4.0
 """How long each steering angle is held before it is measured [s]."""
 LINEAR_RANGE = 1.0
@@ -29,7 +29,7 @@ _ANGLES = np.concatenate([np.arange(0.0, 0.021, 0.001), np.arange(0.025, 0.2501,
 
 @dataclass(frozen=True)
 class CircularDriving:
-    """Steady values at each steering angle, (angles,), and the figures.
+    """Steady values at each steering angle, (angles,), and the metrics.
 
     Attributes:
         delta: steering angle [rad].
@@ -38,7 +38,7 @@ class CircularDriving:
         phi: roll angle [rad].
         alpha_f: mean slip angle of the front tyres, positive where it pushes left [rad].
         alpha_r: the same of the rear tyres [rad].
-        figures: what is asked of them.
+        figures: the metrics.
     """
 
     delta: Array
@@ -51,11 +51,11 @@ class CircularDriving:
 
 
 def circular_driving(fmu: OpenFmu, P: VehicleParameters) -> CircularDriving:
-    """Steers in steps up to the limit while the speed is held, each step held until the motion is steady.
+    """Steers in steps up to the limit at constant speed, each step held until the motion is steady.
 
     Args:
         fmu: the vehicle.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
     """
     names = ("a_y", "gamma", "phi", *of_wheels("alpha"))
     rows = []
@@ -82,7 +82,7 @@ def circular_driving(fmu: OpenFmu, P: VehicleParameters) -> CircularDriving:
             understeer_gradient(P, running_stiffness(P)),
             relative=0.003,
             unit="s²/m",
-            source="the same with the load that rolling resistance moves to the front axle",
+            source="the same with the load moved to the front axle by rolling resistance",
         ),
         near(
             "Roll gradient",
@@ -97,14 +97,14 @@ def circular_driving(fmu: OpenFmu, P: VehicleParameters) -> CircularDriving:
             float(a_y.max()) / (P.mu_a * P.g),
             0.9,
             1.01,
-            source="friction: no axle carries more than μ times its load",
+            source="friction: an axle's force is at most μ times its load",
         ),
     )
     return CircularDriving(_ANGLES, a_y, gamma, phi, (alpha_fl + alpha_fr) / 2, (alpha_rl + alpha_rr) / 2, figures)
 
 
 def _slope_at_zero(a_y: Array, values: Array) -> float:
-    """The slope over a_y at a_y = 0 of a cubic through zero, which takes the tyres' fall-off out."""
+    """The slope over a_y at a_y = 0 of a cubic through zero, which excludes the tyres' degression."""
     small = a_y <= LINEAR_RANGE
     powers = np.stack([a_y[small], a_y[small] ** 2, a_y[small] ** 3], axis=1)
     return float(np.linalg.lstsq(powers, values[small], rcond=None)[0][0])

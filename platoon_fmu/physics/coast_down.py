@@ -1,4 +1,4 @@
-"""Coast-down: the car rolls out against drag and rolling resistance, wheel spins included."""
+"""Coast-down against drag and rolling resistance, including the wheels' inertia."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from platoon_fmu.physics.figure import Figure, at_most, near
 from platoon_fmu.physics.reference import coast_down_speed, coast_down_time, effective_mass
 
 START_SPEED, END_SPEED = 40.0, 10.0
-"""Speeds between which the time is taken [m/s]."""
+"""Speeds between which the time is measured [m/s]."""
 _H = 0.1
 
 
 @dataclass(frozen=True)
 class CoastDown:
-    """Speed over time, (rows,), and the figures.
+    """Speed over time, (rows,), and the metrics.
 
     Attributes:
         t: time [s].
         v_x: speed of the FMU [m/s].
         expected: speed of the closed form [m/s].
-        figures: what is asked of them.
+        figures: the metrics.
     """
 
     t: Array
@@ -35,11 +35,11 @@ class CoastDown:
 
 
 def coast_down(fmu: OpenFmu, P: VehicleParameters) -> CoastDown:
-    """Lets the car roll from `START_SPEED` to below `END_SPEED`.
+    """Coasts from `START_SPEED` to below `END_SPEED`.
 
     Args:
         fmu: the vehicle.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
     """
     expected_time = coast_down_time(P, START_SPEED, END_SPEED)
     with Car(fmu, {"v_x_start": START_SPEED}) as car:
@@ -69,10 +69,10 @@ def coast_down(fmu: OpenFmu, P: VehicleParameters) -> CoastDown:
 
 
 def slip_tolerance(P: VehicleParameters) -> float:
-    """The share by which the closed form may be missed: it has the wheels roll, and tyres need some slip.
+    """The allowed relative deviation from the closed form, which neglects the tyres' slip.
 
-    A tyre that slows its wheel's spin slips by kappa = I_w a/(R_w^2 C_x), so the wheels hold 2 kappa more of their
-    energy than rolling ones, which are the share (4 I_w/R_w^2)/m of the car's.
+    A tyre that slows its wheel's spin slips by kappa = I_w a/(R_w^2 C_x), so the wheels have 2 kappa more energy than
+    rolling ones, whose share of the car's energy is (4 I_w/R_w^2)/m.
     """
     a = (P.mu_d * P.M * P.g + P.C_a * START_SPEED**2) / effective_mass(P)
     kappa = P.I_w * a / (P.R_w**2 * P.C_x)

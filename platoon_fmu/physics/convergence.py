@@ -1,8 +1,8 @@
-"""Convergence of the Co-Simulation's solvers: how the error falls with the step, and with the tolerance.
+"""Convergence of the Co-Simulation's solvers: the error as a function of the step and of the tolerance.
 
 The manoeuvre is smooth: all slips keep their sign (the brush tyre's force has a term in |slip|), no tyre saturates, no
-wheel lifts, and the inputs are constant from the start. The fixed steps are compared after 40 ms, while the wheels'
-spins, with a time constant of 4 ms the fastest motion of the car, have not died away; the adaptive ones after 2 s.
+wheel lifts, and the inputs are constant from the start. The fixed steps are compared after 40 ms, before the wheels'
+spins, the car's fastest motion with a time constant of 4 ms, have settled; the adaptive ones after 2 s.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from platoon_fmu.physics.numbers import bound
 SHORT_S, LONG_S = 0.04, 2.0
 """Length of the manoeuvre for the fixed-step and for the adaptive solver [s]."""
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
-"""Of the adaptive solver."""
+"""Tolerances of the adaptive solver."""
 DEFAULT_TOLERANCE = 1e-6
-"""Of the FMU as it comes."""
+"""The FMU's default tolerance."""
 
 _START = {
     "v_x_start": 20.0,
@@ -30,22 +30,22 @@ _START = {
     "steering_angle": 0.03,
     **dict.fromkeys(of_wheels("wheel_torque"), 100.0),
 }
-# Divisions of the short manoeuvre: to which step the asymptotic part reaches, and from where rounding takes over.
+# Divisions of the short manoeuvre: where the asymptotic range of the step begins, and where rounding dominates.
 _COARSE, _FINE, _REFERENCE = (10, 16, 20, 25), (40, 50, 80, 100, 160, 200, 320), 2560
 _RUNGE_KUTTA, _DORMAND_PRINCE = 1.0, 2.0
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Errors: the greatest of all states over their nominal values, at the end of the manoeuvre.
+    """Errors: the largest of all states relative to their nominal values, at the end of the manoeuvre.
 
     Attributes:
         steps: of the fixed-step solver (n,) [s].
         errors: of the fixed-step solver (n,).
         order: slope of log(error) over log(step), steps up to 1 ms.
-        tolerances: of the adaptive solver (m,); empty where the FMU has none.
+        tolerances: of the adaptive solver (m,); empty if the FMU has none.
         adaptive_errors: of the adaptive solver (m,).
-        figures: what is asked of them.
+        figures: the metrics.
     """
 
     steps: Array
@@ -57,14 +57,14 @@ class Convergence:
 
 
 def convergence(fmu: OpenFmu) -> Convergence:
-    """Drives the manoeuvre over steps and, where the FMU has the adaptive solver, over tolerances.
+    """Drives the manoeuvre with several steps and, if the FMU has the adaptive solver, several tolerances.
 
     Args:
         fmu: the vehicle.
     """
     names = {variable.name for variable in fmu.description.modelVariables}
     settable = "solver_step" in names
-    # An FMU without the parameter steps at 1 ms and less as it is told to.
+    # An FMU without this parameter uses communication steps up to 1 ms as they are.
     divisions = (*_COARSE, *_FINE) if settable else _FINE
     nominals = _nominals(fmu)
 
@@ -115,14 +115,14 @@ def _adaptive_figures(errors: Array) -> list[Figure]:
             f"Error of the adaptive solver at tolerance {bound(DEFAULT_TOLERANCE)}",
             float(errors[TOLERANCES.index(DEFAULT_TOLERANCE)]),
             10 * DEFAULT_TOLERANCE,
-            source="each step keeps the tolerance; ten times that for all of them together",
+            source="the tolerance applies to each step; ten times that for their sum",
         ),
         between(
             "Slope of the adaptive solver's error over its tolerance",
             slope,
             0.7,
             1.3,
-            source="error in proportion to the tolerance",
+            source="error proportional to the tolerance",
         ),
     ]
 

@@ -1,4 +1,4 @@
-"""The vehicle driven as a Co-Simulation FMU: steps, recordings, and a driver that holds the speed."""
+"""Drives the vehicle as a Co-Simulation FMU: steps, recordings, and a driver that holds the speed."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def of_wheels(quantity: str) -> tuple[str, ...]:
 
 
 def declared_parameters(fmu: OpenFmu) -> VehicleParameters:
-    """The parameters that an FMU's modelDescription.xml declares: the start values, and that of mu for `mu_a`.
+    """The parameters declared in an FMU's modelDescription.xml: their start values, and that of mu for `mu_a`.
 
     Raises:
-        FmuError: it lacks one, so it is not this vehicle.
+        FmuError: one is missing, so it is not this vehicle.
     """
     starts = {variable.name: variable.start for variable in fmu.description.modelVariables}
     values = {}
@@ -50,8 +50,8 @@ class Trace:
     """A recording.
 
     Attributes:
-        t: time of each row [s], from 0 at the recording's begin.
-        series: value of each row by the variable's name.
+        t: time of each row [s], from 0 at the start of the recording.
+        series: values (rows,) by variable name.
     """
 
     t: Array
@@ -67,9 +67,10 @@ class Trace:
 
 
 class Car:
-    """One instance of the vehicle, started; a context manager that frees it.
+    """One started instance of the vehicle; a context manager that frees it.
 
-    It gets and sets scalar real variables only, with their references looked up once: manoeuvres do so very often.
+    It only gets and sets scalar real variables, and looks up each reference once, because manoeuvres do this very
+    often.
     """
 
     def __init__(self, fmu: OpenFmu, values: Mapping[str, float] | None = None) -> None:
@@ -80,7 +81,7 @@ class Car:
             values: start values of parameters and inputs by name.
 
         Raises:
-            FmuError: the FMU is no Co-Simulation, does not load, or lacks a variable.
+            FmuError: the FMU has no Co-Simulation, does not load, or lacks a variable.
         """
         self._instance = Instance(fmu, Kind.CO_SIMULATION)
         try:
@@ -112,7 +113,7 @@ class Car:
 
     def _referenced(self, names: tuple[str, ...]) -> list[int]:
         if names not in self._references:
-            # The instance knows what to say of a variable that is not there.
+            # The instance raises the error for a missing variable.
             self._instance.get(*names)
             self._references[names] = self._instance.references(names)
         return self._references[names]
@@ -125,12 +126,12 @@ class Car:
     def record(
         self, seconds: float, h: float, names: Sequence[str], before_step: Callable[[Car, float], None] | None = None
     ) -> Trace:
-        """Drives on.
+        """Drives for some time.
 
         Args:
-            seconds: how long [s].
+            seconds: duration [s].
             h: communication step [s].
-            names: what to record, at the begin and after each step.
+            names: variables to record, at the start and after each step.
             before_step: called with the car and h before each step, to set inputs.
         """
         rows = [self.get(*names)]
@@ -143,7 +144,7 @@ class Car:
 
 
 class SpeedHold:
-    """Holds v_x by the external force at the centre of mass, so that the tyres carry no drive force."""
+    """Holds v_x with the external force at the centre of mass, so that the tyres transmit no drive force."""
 
     _GAIN = 5000.0
 

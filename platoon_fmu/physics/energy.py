@@ -1,18 +1,18 @@
-"""The energy ledger of violent manoeuvres: no energy comes from nothing, and every joule is accounted for.
+"""The energy balance of violent manoeuvres: no energy is created, and every joule is accounted for.
 
 The energy is E = M (v_x^2 + v_y^2)/2 + I_z gamma^2/2 + I_roll p^2/2 + I_w sum(omega^2)/2 + (K_phi - m_s g h_s) phi^2/2:
 of translation, yaw, roll (about the vehicle's centre of mass, I_roll = I_x + m_s h_s^2 (1 - m_s/M)) and spins, of the
-roll springs, less what the leaning body sinks. The load transfers are states, but they store none: they only divide
-the weight among the wheels, and loads do no work on flat ground. On soft tyres of constant pressure an axle's springs
-hold K_axle (phi - tilt)^2/2 instead of their share of K_phi phi^2/2. Multiplying each equation of motion by its
-velocity and adding up leaves
+roll springs, less the potential energy that the leaning body loses. The load transfers are states, but store no energy:
+they only distribute the weight among the wheels, and loads do no work on flat ground. On soft tyres of constant
+pressure an axle's springs store K_axle (phi - tilt)^2/2 instead of their share of K_phi phi^2/2. Multiplying each
+equation of motion by its velocity and adding them gives
 
     dE/dt = sum(T omega) + F_x,ext v_x + F_y,ext v_y + M_z,ext gamma - D,
     D = sum(F_x (R omega - v_long) - F_y v_lat + M_flat |omega|) + C_a |v_x|^3 + F_roll |v_x| + C_phi p^2 >= 0,
 
-with the tyres' forces and the velocities of their contact points in wheel axes, the rolling radius R (R_w where the
-tyre is sound) and the moment M_flat by which a soft tyre resists rolling. Steering does no work: it turns the
-wheels about their contact points, where the tyre has no aligning moment.
+with the tyres' forces and the velocities of their contact points in wheel axes, the rolling radius R (R_w for a sound
+tyre) and the rolling resistance moment M_flat of a soft tyre. Steering does no work: it turns the wheels about their
+contact points, where the tyre has no aligning moment.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Violence:
     """A violent manoeuvre.
 
     Attributes:
-        name: what a person calls it.
+        name: for display.
         start: start values by name.
         inputs: inputs by name at a time [s].
         torques: wheel torques (4,) [N m] at a time [s] and the wheels' spins (4,) [rad/s].
@@ -118,16 +118,16 @@ MANOEUVRES = (
 
 @dataclass(frozen=True)
 class Ledger:
-    """The energy ledger of one manoeuvre, (rows,) [J].
+    """The energy balance of one manoeuvre, (rows,) [J].
 
     Attributes:
         name: of the manoeuvre.
         t: time [s].
         energy: kinetic and roll energy.
-        by_torques: work of the wheel torques since the begin.
-        by_forces: work of the external forces and moment since the begin.
-        dissipated: work that came in less what the energy rose by: what must have been lost.
-        accounted: what tyres, air, rolling resistance and roll dampers took, from their forces and velocities.
+        by_torques: work of the wheel torques since the start.
+        by_forces: work of the external forces and moment since the start.
+        dissipated: work done on the car less the rise in energy, which must have been dissipated.
+        accounted: losses in tyres, air, rolling resistance and roll dampers, from their forces and velocities.
     """
 
     name: str
@@ -140,30 +140,30 @@ class Ledger:
 
     @property
     def throughput(self) -> float:
-        """The greatest energy held, or lost: the measure of what is small [J]."""
+        """The largest energy stored or dissipated, to which errors are relative [J]."""
         return float(max(self.energy.max(), self.accounted[-1]))
 
     @property
     def least_loss(self) -> float:
-        """Least energy lost in any step, over the throughput; below zero where energy came from nothing."""
+        """Smallest dissipation in any step, over the throughput; negative if energy was created."""
         return float(np.diff(self.dissipated).min()) / self.throughput
 
     @property
     def residual(self) -> float:
-        """Greatest difference between what was lost and what is accounted for, over the throughput."""
+        """Largest difference between dissipated and accounted energy, over the throughput."""
         return float(np.abs(self.dissipated - self.accounted).max()) / self.throughput
 
 
 @dataclass(frozen=True)
 class EnergyBalance:
-    """The ledgers of all manoeuvres, and the figures."""
+    """The energy balances of all manoeuvres, and the metrics."""
 
     ledgers: tuple[Ledger, ...]
     figures: tuple[Figure, ...]
 
 
 def energy_balance(fmu: OpenFmu, P: VehicleParameters) -> EnergyBalance:
-    """Drives `MANOEUVRES` and keeps their ledgers.
+    """Drives `MANOEUVRES` and computes their energy balances.
 
     Args:
         fmu: the vehicle.
@@ -176,20 +176,20 @@ def energy_balance(fmu: OpenFmu, P: VehicleParameters) -> EnergyBalance:
             min(each.least_loss for each in ledgers),
             -1e-12,
             float("inf"),
-            source="no energy from nothing: work in less ΔE never falls, but for rounding",
+            source="no energy is created: work less ΔE never falls, except by rounding",
         ),
         at_most(
             "Energy not accounted for over the throughput",
             max(each.residual for each in ledgers),
             1e-5,
-            source="work in less ΔE is what tyres, air, rolling resistance and roll dampers took",
+            source="work less ΔE is the loss in tyres, air, rolling resistance and roll dampers",
         ),
     )
     return EnergyBalance(ledgers, figures)
 
 
 def ledger(fmu: OpenFmu, P: VehicleParameters, manoeuvre: Violence) -> Ledger:
-    """Drives one manoeuvre and keeps its ledger.
+    """Drives one manoeuvre and computes its energy balance.
 
     Args:
         fmu: the vehicle.
@@ -201,7 +201,7 @@ def ledger(fmu: OpenFmu, P: VehicleParameters, manoeuvre: Violence) -> Ledger:
         for step in range(round(_SECONDS / _H)):
             car.set(manoeuvre.inputs(step * _H))
             car.torque(*manoeuvre.torques(step * _H, car.get(*of_wheels("omega"))))
-            # Inputs jump from step to step, so a step has its own values at its begin and at its end.
+            # Inputs jump between steps, so each step has separate values at its start and its end.
             begins.append(car.get(*_NAMES))
             car.step(_H)
             ends.append(car.get(*_NAMES))
@@ -224,7 +224,7 @@ def _wheels(values: Values, quantity: str) -> Array:
 
 
 def _integral(begin: Array, end: Array) -> Array:
-    """The running integral (steps + 1,) of a power given at each step's begin and end."""
+    """The running integral (steps + 1,) of a power given at the start and end of each step."""
     return np.concatenate([[0.0], np.cumsum((begin + end) * _H / 2)])
 
 
@@ -244,9 +244,9 @@ def _energy(values: Values, P: VehicleParameters) -> Array:
 
 
 def _axle_springs(values: Values, P: VehicleParameters, axle: str) -> tuple[Array, Array]:
-    """Roll stiffness [N m/rad] of an axle on its tyres, and the roll angle [rad] at which it has no moment.
+    """Roll stiffness [N m/rad] of an axle on its tyres, and the roll angle [rad] of zero moment.
 
-    A tyre of stiffness k stands lower than a sound one, of stiffness K_z, by the static load times 1/k - 1/K_z.
+    A tyre of stiffness k is compressed more than a sound one of stiffness K_z, by the static load times 1/k - 1/K_z.
     """
     share, load = (P.roll_share_f, P.F_zf) if axle == "f" else (1 - P.roll_share_f, P.F_zr)
     left, right = (
@@ -269,7 +269,7 @@ def _external_power(values: Values, _: VehicleParameters) -> Array:
 
 
 def _losses(values: Values, P: VehicleParameters) -> Array:
-    """What is turned into heat each second [W]."""
+    """Dissipated power [W]."""
     v_x = np.abs(values["v_x"])
     fading = np.minimum(v_x / P.v_roll, 1.0)
     rolling = P.mu_d * P.M * P.g * fading * (3 - fading**2) / 2

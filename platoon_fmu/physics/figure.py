@@ -1,4 +1,4 @@
-"""One measured figure, what was expected of it, and whether it was met."""
+"""One metric: its measured value, its expected value, and whether it passes."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of a manoeuvre; made by `near`, `between` or `at_most`.
+    """A metric of a manoeuvre; created by `near`, `between` or `at_most`.
 
     Attributes:
-        name: what it is.
-        measured: the FMU's [unit].
-        low: least value that meets it [unit].
-        high: greatest value that meets it [unit].
+        name: for display.
+        measured: the FMU's value [unit].
+        low: least value that passes [unit].
+        high: greatest value that passes [unit].
         unit: empty for a plain number.
         source: where the expectation comes from.
-        expected: the middle of a band [unit]; None where only bounds are asked.
-        relative: the band's half width over |expected|; None where the band is absolute or there is none.
+        expected: the middle of a band [unit]; None if only bounds are required.
+        relative: the band's half width over |expected|; None if the band is absolute or absent.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Figure:
 
     @property
     def met(self) -> bool:
-        """Whether the measured value is inside the bounds; what is not a number never is."""
+        """Whether the measured value is within the bounds; False for NaN."""
         return self.low <= self.measured <= self.high
 
 
@@ -45,13 +45,13 @@ def near(
     unit: str = "",
     source: str,
 ) -> Figure:
-    """A figure near the expected value: within a share `relative` of it, or else within `absolute` [unit]."""
+    """A metric near the expected value: within `relative` times it, or else within `absolute` [unit]."""
     band = absolute if relative is None else relative * abs(expected)
     return Figure(name, float(measured), expected - band, expected + band, unit, source, float(expected), relative)
 
 
 def between(name: str, measured: float, low: float, high: float, *, unit: str = "", source: str) -> Figure:
-    """A figure between two bounds."""
+    """A metric between two bounds."""
     return Figure(name, float(measured), low, high, unit, source)
 
 

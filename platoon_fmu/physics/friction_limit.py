@@ -1,4 +1,4 @@
-"""Straight braking with locked wheels and acceleration with spinning ones: friction alone decides."""
+"""Straight braking with locked wheels and acceleration with spinning ones, determined by friction alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from platoon_fmu.physics.figure import Figure, at_most, between, near
 from platoon_fmu.physics.reference import sliding_distance
 
 START_SPEED = 30.0
-"""From which it brakes [m/s]."""
+"""Initial speed of braking [m/s]."""
 SLIPPERY = 0.1
 """Friction coefficient of the slippery road; the other road has the nominal one."""
 
@@ -31,13 +31,13 @@ class Slide:
     Attributes:
         mu: friction coefficient.
         t: time [s].
-        X: place [m].
+        X: position [m].
         Y: lateral offset [m].
         v_x: speed [m/s].
         rim_speeds: R_w omega (4, rows) [m/s].
-        kappa: least slip ratio of the four wheels, by magnitude [1].
-        ground_a: acceleration by the ground, air drag added back [m/s^2].
-        expected_a: what friction and rolling resistance give [m/s^2].
+        kappa: smallest slip ratio of the four wheels, by magnitude [1].
+        ground_a: acceleration by tyre forces, air drag excluded [m/s^2].
+        expected_a: acceleration by friction and rolling resistance [m/s^2].
         steady: rows in which all tyres slide and the speed is not near zero.
     """
 
@@ -54,13 +54,13 @@ class Slide:
 
     @property
     def mean_a(self) -> float:
-        """Mean acceleration by the ground over the steady rows [m/s^2]."""
+        """Mean of ground_a over the steady rows [m/s^2]."""
         return float(self.ground_a[self.steady].mean())
 
 
 @dataclass(frozen=True)
 class FrictionLimit:
-    """The runs on the nominal and the slippery road, wheels locked and spinning, and the figures."""
+    """The runs on the nominal and the slippery road, wheels locked and spinning, and the metrics."""
 
     locked: tuple[Slide, Slide]
     spinning: tuple[Slide, Slide]
@@ -68,11 +68,11 @@ class FrictionLimit:
 
 
 def friction_limit(fmu: OpenFmu, P: VehicleParameters) -> FrictionLimit:
-    """Brakes from `START_SPEED` with wheels that lock, and spins all wheels up from rest.
+    """Brakes from `START_SPEED` with locked wheels, and spins up all wheels from rest.
 
     Args:
         fmu: the vehicle.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
     """
     locked = _lock(fmu, P, P.mu_a), _lock(fmu, P, SLIPPERY)
     spinning = _spin(fmu, P, P.mu_a), _spin(fmu, P, SLIPPERY)
@@ -101,14 +101,14 @@ def friction_limit(fmu: OpenFmu, P: VehicleParameters) -> FrictionLimit:
             min(float(s.kappa[s.steady].min()) for s in spinning),
             1.0,
             float("inf"),
-            source="spinning: at least twice as fast as they would roll",
+            source="spinning: at least twice the rolling speed",
         ),
         at_most(
             "Greatest lateral offset",
             max(float(np.abs(s.Y).max()) for s in slides),
             1e-9,
             unit="m",
-            source="nothing pushes it aside",
+            source="there is no lateral force",
         ),
     )
     return FrictionLimit(locked, spinning, figures)
@@ -119,15 +119,15 @@ def _acceleration(name: str, slide: Slide, source: str) -> Figure:
 
 
 def _place(slide: Slide, speed: float) -> float:
-    """Where a braking car has come down to a speed [m]."""
+    """Position at which a braking car falls below a speed [m]."""
     return float(np.interp(-speed, -slide.v_x, slide.X))
 
 
 def _lock(fmu: OpenFmu, P: VehicleParameters, mu: float) -> Slide:
-    """Brakes until the wheels stand, holds them, and slides to near rest."""
+    """Brakes until the wheels lock, holds them, and slides until nearly at rest."""
 
     def brake(car: Car, h: float) -> None:
-        # What the road turns the wheel with, and enough to take half of its spin in this step.
+        # The road's torque on the wheel, plus enough to halve its spin in this step.
         road, spin = P.R_w * car.get(*of_wheels("F_x")), car.get(*of_wheels("omega"))
         car.torque(*(road - 0.5 * P.I_w / h * spin))
 
@@ -137,7 +137,7 @@ def _lock(fmu: OpenFmu, P: VehicleParameters, mu: float) -> Slide:
 
 
 def _spin(fmu: OpenFmu, P: VehicleParameters, mu: float) -> Slide:
-    """Drives all wheels from rest with twice the torque that the static load's friction can bear."""
+    """Drives all wheels from rest with twice the torque that friction transmits at static load."""
     with Car(fmu, {"mu": mu}) as car:
         car.torque(2.0 * mu * P.M * P.g / 4 * P.R_w)
         return _slide(car.record(_SPIN_S, _H, _NAMES), P, mu, (mu - P.mu_d) * P.g)
@@ -155,6 +155,6 @@ def _slide(trace: Trace, P: VehicleParameters, mu: float, expected_a: float) -> 
         kappa=np.abs(trace.wheels("kappa")).min(axis=0),
         ground_a=trace["a_x"] + P.C_a * v_x * np.abs(v_x) / P.M,
         expected_a=expected_a,
-        # By magnitude beyond the speed below which slips are regularised almost away.
+        # Excludes low speeds, where regularisation removes most of the slip.
         steady=(trace.t > _SETTLED_S) & (np.abs(v_x) > (_TO if expected_a < 0 else 0.0)),
     )

@@ -1,4 +1,4 @@
-"""All manoeuvres of the validated physics, driven with one FMU."""
+"""All manoeuvres of the physics validation, driven with one FMU."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from platoon_fmu.physics.symmetry import MirrorSymmetry, mirror_symmetry
 
 @dataclass(frozen=True)
 class Measurements:
-    """What came of each manoeuvre, and the parameters that the FMU declares, which the expectations follow from."""
+    """The result of each manoeuvre, and the FMU's declared parameters, which give the expected values."""
 
     P: VehicleParameters
     circular: CircularDriving
@@ -44,11 +44,11 @@ def measure(fmu: OpenFmu) -> Measurements:
         fmu: the vehicle, with Model Exchange and Co-Simulation.
 
     Raises:
-        FmuError: it is not the vehicle, cannot be loaded, or refuses to be driven.
+        FmuError: it is not the vehicle, cannot be loaded, or refuses a call.
     """
     P = declared_parameters(fmu)
     try:
-        # First of all, as this one is not possible with every set of parameters.
+        # First, because it is not possible with every set of parameters.
         stability = oversteer_stability(fmu, P)
         return Measurements(
             P=P,
@@ -63,4 +63,4 @@ def measure(fmu: OpenFmu) -> Measurements:
             convergence=convergence(fmu),
         )
     except FMICallException as error:
-        raise FmuError(f"the FMU refuses to be driven: {error}") from error
+        raise FmuError(f"the FMU cannot be driven: {error}") from error

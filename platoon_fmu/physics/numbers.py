@@ -1,4 +1,4 @@
-"""Numbers and figures as a person reads them."""
+"""Formats numbers and metrics for display."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def power_of_ten(exponent: int) -> str:
 
 
 def number(value: float, digits: int = 4) -> str:
-    """A number to so many significant digits, with powers of ten where it is small or large."""
+    """A number with `digits` significant digits, as a power of ten if it is small or large."""
     if math.isnan(value):
         return "none"
     if math.isinf(value):
@@ -32,7 +32,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def bound(value: float, digits: int = 3) -> str:
-    """A round number to so many digits at most, without the zeros behind it: 0.9, 10⁻⁹, 2.5·10⁻⁴."""
+    """A round number with at most `digits` digits, without trailing zeros: 0.9, 10⁻⁹, 2.5·10⁻⁴."""
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     power = int(exponent)
     if value == 0.0 or -3 <= power < digits:
@@ -42,12 +42,12 @@ def bound(value: float, digits: int = 3) -> str:
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number and its unit, which no line break parts."""
+    """A number and its unit, joined by a non-breaking space."""
     return f"{text}\u00a0{unit}" if unit else text
 
 
 def readable_unit(unit: str) -> str:
-    """A unit of the modelDescription as print has it: `kg.m2` as kg m², none for the plain number's `1`."""
+    """A unit of the modelDescription in print form: `kg.m2` as kg m², empty for `1`."""
     return "" if unit == "1" else unit.replace(".", " ").replace("2", "²").replace("3", "³")
 
 
@@ -57,7 +57,7 @@ def measured(figure: Figure) -> str:
 
 
 def expected(figure: Figure) -> str:
-    """What is asked of a figure: the expected value with its unit, or the bounds."""
+    """The expected value of a metric with its unit, or its bounds."""
     if figure.expected is not None:
         return with_unit(number(figure.expected), figure.unit)
     if math.isinf(figure.high):
@@ -68,7 +68,7 @@ def expected(figure: Figure) -> str:
 
 
 def tolerance(figure: Figure) -> str:
-    """How far a figure may be from the expected value; empty where only bounds are asked."""
+    """The tolerance of a metric; empty if only bounds are required."""
     if figure.expected is None:
         return ""
     if figure.relative is not None:
@@ -77,14 +77,14 @@ def tolerance(figure: Figure) -> str:
 
 
 def deviation(figure: Figure) -> str:
-    """How far a figure is from the expected value, in the terms of its tolerance; empty where there is none."""
+    """The deviation of a metric from its expected value, in the form of its tolerance; empty if there is none."""
     if figure.expected is None:
         return ""
     difference = figure.measured - figure.expected
     if figure.relative is None:
         return with_unit(_signed(difference), figure.unit)
     percent = 100 * difference / abs(figure.expected)
-    # What is far below any tolerance is rounding, and its digits say nothing.
+    # A deviation far below the tolerance is rounding, whose digits mean nothing.
     return "below 10⁻⁵\u00a0%" if abs(percent) < 1e-5 else f"{_signed(percent)}\u00a0%"
 
 

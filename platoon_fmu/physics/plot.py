@@ -1,6 +1,6 @@
-"""Plots as SVG that needs no script: curves over linear or logarithmic axes, with names and units.
+"""Plots as SVG without scripts: curves over linear or logarithmic axes, with names and units.
 
-Drawn small, about as wide as a phone, so that their text can be read there and two fit beside each other on paper.
+Drawn about as wide as a phone, so that the text is readable there and two fit side by side on paper.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ BLUE, ORANGE, GREEN, PURPLE, INK = "#0072b2", "#d55e00", "#00795a", "#a04a82", "
 """Colours of curves: Okabe and Ito's for colour-blind readers, dark enough for white paper, and the page's own ink."""
 
 MAX_POINTS = 500
-"""A curve of more points is thinned out to at most about this many."""
+"""Approximate maximum number of points of a curve; longer ones are thinned out."""
 
 _WIDTH, _HEIGHT = 460, 300
 _RIGHT, _TOP, _BOTTOM = 14, 10, 46
@@ -30,10 +30,10 @@ class Curve:
     """One curve.
 
     Attributes:
-        name: as the legend shows it; empty for a curve that has no entry there.
+        name: in the legend; empty for a curve without an entry.
         x, y: its points, (n,) each.
         colour: `#rrggbb`.
-        dash: whether it is dashed: an expectation.
+        dash: whether it is dashed, e.g. an expected curve.
         dots: whether its points are marked.
     """
 
@@ -52,10 +52,10 @@ class Plot:
     Attributes:
         title: what it shows.
         x_label, y_label: names of the axes, with units.
-        curves: later ones lie on top.
-        caption: what else there is to say.
+        curves: later ones are drawn on top.
+        caption: further text.
         logarithmic: whether both axes are.
-        x_range, y_range: what is shown; None for all.
+        x_range, y_range: the visible range; None for all.
     """
 
     title: str
@@ -93,7 +93,7 @@ def svg(plot: Plot) -> str:
         parts.append(f'<path class="grid" d="M{left:.1f} {at:.1f}h{width:.1f}"/>')
         parts.append(f'<text x="{left - 6:.1f}" y="{at + 4:.1f}" text-anchor="end">{label}</text>')
     lines = "".join(_line(curve, x, y, width, height) for curve in plot.curves)
-    # An SVG element inside another cuts off what is beyond it.
+    # A nested SVG element clips its content.
     parts.append(f'<svg x="{left:.1f}" y="{_TOP}" width="{width:.1f}" height="{height}">{lines}</svg>')
     parts.append(f'<rect class="frame" x="{left:.1f}" y="{_TOP}" width="{width:.1f}" height="{height}"/>')
     middle = left + width / 2
@@ -117,11 +117,11 @@ class _Axis:
     ticks: list[tuple[float, str]]
 
     def share(self, value: float) -> float:
-        """Where a value lies along the axis, 0 to 1."""
+        """Position of a value along the axis, 0 to 1."""
         return float(self.shares(np.array([value]))[0])
 
     def shares(self, values: Array) -> Array:
-        """Where values lie along the axis, 0 to 1; not a number for what a logarithmic axis cannot show."""
+        """Positions of values along the axis, 0 to 1; NaN if a logarithmic axis cannot show them."""
         low, high = self.low, self.high
         if self.logarithmic:
             values, low, high = np.log10(np.where(values > 0, values, np.nan)), np.log10(low), np.log10(high)
@@ -158,7 +158,7 @@ def _ticks(low: float, high: float, count: int) -> list[tuple[float, str]]:
 
 
 def _log_ticks(low: float, high: float, count: int) -> list[tuple[float, str]]:
-    """Powers of ten, or the round values 1, 2, 5 between where there are few of them."""
+    """Powers of ten; if there are few, also the values 2 and 5 between them."""
     first, last = int(np.ceil(np.log10(low))), int(np.floor(np.log10(high)))
     if last - first < 2:
         round_values = [factor * 10.0**power for power in range(first - 1, last + 1) for factor in (1, 2, 5)]
@@ -173,7 +173,7 @@ def _plain(value: float, digits: int) -> str:
 
 def _line(curve: Curve, x: _Axis, y: _Axis, width: float, height: float) -> str:
     stride = max(1, len(curve.x) // MAX_POINTS)
-    # The last point is kept, so that a curve ends where it ends.
+    # The last point is kept, so that the curve keeps its end.
     rows = np.unique(np.append(np.arange(0, len(curve.x), stride), len(curve.x) - 1))
     across, down = width * x.shares(curve.x[rows]), height * (1 - y.shares(curve.y[rows]))
     shown = [(a, d) for a, d in zip(across, down, strict=True) if np.isfinite(a) and np.isfinite(d)]

@@ -1,7 +1,7 @@
-"""What the manoeuvres are held against: the linear two-track model and closed forms, from the parameters alone.
+"""Reference solutions for the manoeuvres: the linear two-track model and closed forms, from the parameters alone.
 
-Nothing of the FMU's equations is used; the models are written out from mechanics. Symbols as in
-`platoon_fmu.parameters`. Linear steady-state figures after M. Mitschke, H. Wallentowitz, Dynamik der Kraftfahrzeuge,
+None of the FMU's equations are used; the models are derived independently. Symbols as in
+`platoon_fmu.parameters`. Linear steady-state values after M. Mitschke, H. Wallentowitz, Dynamik der Kraftfahrzeuge,
 5th ed. 2014, part C, and the paper's Table 1.
 """
 
@@ -62,7 +62,7 @@ def yaw_rate_gain(P: VehicleParameters, C: Stiffness, v: float) -> float:
 
 
 def critical_speed(P: VehicleParameters, C: Stiffness) -> float:
-    """Speed from which an oversteering car is unstable, sqrt(-L/K_us) [m/s]; not a number for an understeering one."""
+    """Critical speed of an oversteering car, sqrt(-L/K_us) [m/s]; NaN for an understeering one."""
     K_us = understeer_gradient(P, C)
     return float(np.sqrt(P.L / -K_us)) if K_us < 0 else float("nan")
 
@@ -76,8 +76,8 @@ def two_track(P: VehicleParameters, C: Stiffness, v: float) -> tuple[Array, Arra
     """The linear two-track model with roll and wheel spins at constant speed, dx/dt = A x + B delta.
 
     x = [v_y, gamma, phi, p, s_fl, s_rl, s_rr, s_fr]: lateral velocity, yaw rate, roll angle and rate, and each wheel's
-    rim speed R_w omega less v [m/s]. Every wheel has its own contact point, which the rolling body drags along, slip
-    angle and slip ratio; loads are constant, as their change times a slip angle is of second order.
+    rim speed R_w omega less v [m/s]. Every wheel has its own contact point (moved by roll), slip angle and slip ratio;
+    loads are constant, because their change times a slip angle is of second order.
 
     Args:
         P: parameters.
@@ -95,7 +95,7 @@ def two_track(P: VehicleParameters, C: Stiffness, v: float) -> tuple[Array, Arra
     for i, (front, side) in enumerate([(True, 1), (False, 1), (False, -1), (True, -1)], start=4):
         x_i, y_i = (P.l_f if front else -P.l_r), side * P.l_t / 2
         C_y, C_x = (C.C_f, C.C_xf) if front else (C.C_r, C.C_xr)
-        # Rows that give a wheel's forces from the state, and what steering adds.
+        # Rows that give a wheel's forces from the state, and the steering's contribution.
         F_y = -C_y / v * np.array([1.0, x_i, 0.0, h_roll, 0, 0, 0, 0])
         F_x = C_x / v * (np.eye(8)[i] + y_i * np.eye(8)[1])
         steered = C_y if front else 0.0
@@ -121,12 +121,12 @@ def step_response(A: Array, B: Array, t: Array) -> Array:
 
 
 def effective_mass(P: VehicleParameters) -> float:
-    """Mass that rolling wheels add their spin inertia to: M + 4 I_w/R_w^2 [kg]."""
+    """Effective mass including the rolling wheels' inertia: M + 4 I_w/R_w^2 [kg]."""
     return P.M + 4 * P.I_w / P.R_w**2
 
 
 def coast_down_speed(P: VehicleParameters, v_0: float, t: Array) -> Array:
-    """Speed [m/s] of a car that rolls out from v_0 against drag and rolling resistance, m dv/dt = -(F_r + C_a v^2)."""
+    """Speed [m/s] of a car that coasts from v_0 against drag and rolling resistance, m dv/dt = -(F_r + C_a v^2)."""
     F_r = P.mu_d * P.M * P.g
     root = np.sqrt(F_r / P.C_a)
     speed: Array = root * np.tan(np.arctan(v_0 / root) - np.sqrt(F_r * P.C_a) / effective_mass(P) * t)
@@ -134,7 +134,7 @@ def coast_down_speed(P: VehicleParameters, v_0: float, t: Array) -> Array:
 
 
 def coast_down_time(P: VehicleParameters, v_0: float, v_1: float) -> float:
-    """Time [s] in which a rolling car falls from v_0 to v_1 [m/s]."""
+    """Time [s] in which a coasting car slows from v_0 to v_1 [m/s]."""
     F_r = P.mu_d * P.M * P.g
     root = np.sqrt(F_r / P.C_a)
     return float(effective_mass(P) / np.sqrt(F_r * P.C_a) * (np.arctan(v_0 / root) - np.arctan(v_1 / root)))

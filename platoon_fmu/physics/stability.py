@@ -1,4 +1,4 @@
-"""The oversteering car: its critical speed, by eigenvalues of the FMU's Model Exchange and in the time domain."""
+"""The oversteering car: its critical speed, from the eigenvalues in Model Exchange and in the time domain."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from platoon_fmu.wheels import WHEEL_NAMES
 LAMBDAS = {"lambda_f": 1.0, "lambda_r": -1.0}
 """The stiffest front and the softest rear axle."""
 DISTANCE = 0.04
-"""Share of the critical speed by which the tests in the time domain are below and above it."""
+"""Relative distance of the time-domain tests below and above the critical speed."""
 
 _LEFT_OUT = ("X", "Y", "psi", "v_x")
 _STEP = 1e-5
@@ -41,11 +41,11 @@ class Stability:
     """The oversteering car.
 
     Attributes:
-        speeds: at which it was linearised, (n,) [m/s].
-        real_parts: greatest real part of the FMU's eigenvalues there [1/s].
+        speeds: of the linearisations, (n,) [m/s].
+        real_parts: largest real part of the FMU's eigenvalues there [1/s].
         linear: the same of the linear two-track model [1/s].
         below, above: the tests in the time domain, below and above the critical speed.
-        figures: what is asked of them.
+        figures: the metrics.
     """
 
     speeds: Array
@@ -61,15 +61,17 @@ def oversteer_stability(fmu: OpenFmu, P: VehicleParameters) -> Stability:
 
     Args:
         fmu: the vehicle, with Model Exchange and Co-Simulation.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
 
     Raises:
-        FmuError: a car with these parameters does not oversteer, so that there is nothing to find.
+        FmuError: a car with these parameters does not oversteer, so it has no critical speed.
     """
     running = running_stiffness(P, **LAMBDAS)
     expected, at_running_loads = (critical_speed(P, C) for C in (table_stiffness(P, **LAMBDAS), running))
     if not (np.isfinite(expected) and np.isfinite(at_running_loads)):
-        raise FmuError("the car that the FMU declares does not oversteer even with lambda_f = 1 and lambda_r = -1")
+        raise FmuError(
+            "with the FMU's declared parameters the car does not oversteer even with lambda_f = 1 and lambda_r = -1"
+        )
 
     def linear(speed: float) -> float:
         return _greatest_real_part(two_track(P, running, speed)[0])
@@ -100,7 +102,7 @@ def oversteer_stability(fmu: OpenFmu, P: VehicleParameters) -> Stability:
             at_running_loads,
             relative=0.001,
             unit="m/s",
-            source="the same with the load that rolling resistance moves to the front axle",
+            source="the same with the load moved to the front axle by rolling resistance",
         ),
         near(
             f"Decay rate {100 * DISTANCE:g} % below",
@@ -125,7 +127,7 @@ def oversteer_stability(fmu: OpenFmu, P: VehicleParameters) -> Stability:
 def linearised(model: Instance, P: VehicleParameters, speed: float) -> Array:
     """The Jacobian of the states' derivatives at steady straight driving, by central differences.
 
-    The pose, on which nothing depends, and the speed, which is held, are left out.
+    It excludes the pose, on which nothing depends, and the speed, which is held.
 
     Args:
         model: a Model Exchange instance, started.
@@ -156,7 +158,7 @@ def _greatest_real_part(A: Array) -> float:
 
 
 def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Where a function crosses zero; not a number where it does not between the two."""
+    """The zero crossing of a function; NaN if there is none between the two."""
     return float(brentq(function, low, high, xtol=1e-6)) if function(low) < 0 < function(high) else float("nan")
 
 
@@ -170,7 +172,7 @@ def _disturb(fmu: OpenFmu, speed: float) -> Disturbed:
         after = car.record(_WATCH_S, 0.01, ("gamma",), hold)
     gamma = np.concatenate([pulse["gamma"], after["gamma"][1:]])
     t = np.concatenate([pulse.t, pulse.t[-1] + after.t[1:]])
-    # By its middle only the slowest eigenvalue is left of the motion.
+    # In the second half only the slowest mode remains.
     late = t >= (_PULSE_S + _WATCH_S) / 2
     with np.errstate(divide="ignore"):
         rate = np.polyfit(t[late], np.log(np.abs(gamma[late])), 1)[0]

@@ -13,9 +13,9 @@ from platoon_fmu.physics.figure import Figure, at_most, near
 from platoon_fmu.physics.reference import pull_away_speed
 
 REST_S, PULL_S, STOP_S = 60.0, 5.0, 30.0
-"""How long it stands, pulls away, and is given to stop and stand again [s]."""
+"""Durations of standing, pulling away, and stopping and standing again [s]."""
 TORQUE = 200.0
-"""On each wheel while it pulls away [N m]."""
+"""Torque on each wheel while pulling away [N m]."""
 _BRAKE = 60.0
 """The brake's torque over a wheel's spin [N m s], at most `_BRAKE_TORQUE`."""
 _BRAKE_TORQUE = 400.0
@@ -23,14 +23,14 @@ _BRAKE_TORQUE = 400.0
 
 @dataclass(frozen=True)
 class Standstill:
-    """Speed from pulling away on, (rows,), and the figures.
+    """Speed from pulling away on, (rows,), and the metrics.
 
     Attributes:
         t: time [s].
         v_x: speed of the FMU [m/s].
-        t_expected: time of the closed form's rows, while it pulls away [s].
+        t_expected: times of the closed form, while pulling away [s].
         v_expected: speed of the closed form [m/s].
-        figures: what is asked of them.
+        figures: the metrics.
     """
 
     t: Array
@@ -45,7 +45,7 @@ def standstill(fmu: OpenFmu, P: VehicleParameters) -> Standstill:
 
     Args:
         fmu: the vehicle.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
     """
     with Car(fmu, {"X_start": 3.0, "Y_start": -2.0, "psi_start": 0.4}) as car:
         car.set(steering_angle=0.3)
@@ -73,18 +73,18 @@ def standstill(fmu: OpenFmu, P: VehicleParameters) -> Standstill:
             source="closed form of m dv/dt = 4 T/R_w − μ_d M g − C_a v²; rolling resistance fades in up to v_roll",
         ),
         at_most(
-            f"Speed {STOP_S:g} s after the brake was put on",
+            f"Speed {STOP_S:g} s after the brake was applied",
             abs(float(v_x[-1])),
             1e-6,
             unit="m/s",
-            source="it stops and stays; the brake is a damper, so the last of the speed fades out",
+            source="it stops and stays; the brake is a damper, so the speed decays to zero",
         ),
         at_most(
-            "Greatest speed backwards while it stops",
+            "Greatest reverse speed while stopping",
             max(0.0, -float(stop["v_x"].min())),
             1e-6,
             unit="m/s",
-            source="a brake does not push back",
+            source="a brake does not drive backwards",
         ),
     )
     t = np.concatenate([pull.t, pull.t[-1] + stop.t[1:]])
@@ -92,7 +92,7 @@ def standstill(fmu: OpenFmu, P: VehicleParameters) -> Standstill:
 
 
 def fade_tolerance(P: VehicleParameters) -> float:
-    """Speed [m/s] that is gained as rolling resistance fades in: from rest to v_roll 3/8 of it are missing."""
+    """Speed [m/s] gained while rolling resistance fades in: from rest to v_roll 3/8 of it are absent."""
     rolling = P.mu_d * P.M * P.g
     return 3 / 8 * P.v_roll * rolling / (4 * TORQUE / P.R_w - rolling)
 

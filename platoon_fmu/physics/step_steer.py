@@ -13,24 +13,24 @@ from platoon_fmu.physics.figure import Figure, at_most, near
 from platoon_fmu.physics.reference import running_stiffness, step_response, table_stiffness, two_track, yaw_rate_gain
 
 SPEED = 20.0
-"""Of the test [m/s]."""
+"""Speed of the test [m/s]."""
 SMALL_ANGLE = 1e-4
 """Steering step at which the tyres are still linear [rad]."""
 STANDARD_ACCELERATION = 4.0
-"""Steady lateral acceleration of the second, larger step: the standard's usual level [m/s^2]."""
+"""Steady lateral acceleration of the second, larger step: the standard's level [m/s^2]."""
 
 _H, _SECONDS, _SETTLE_S = 0.001, 5.0, 5.0
 
 
 @dataclass(frozen=True)
 class Response:
-    """The figures of a step response; times count from the step.
+    """The characteristics of a step response; times are measured from the step.
 
     Attributes:
         steady: the value at the end.
         rise_time: to 90 % of it, ISO 7401's response time [s].
-        peak_time: to the greatest value [s].
-        overshoot: of the greatest value over the steady one [1].
+        peak_time: to the maximum [s].
+        overshoot: of the maximum, relative to the steady value [1].
     """
 
     steady: float
@@ -41,7 +41,7 @@ class Response:
 
 @dataclass(frozen=True)
 class StepSteer:
-    """Yaw rate over steering angle after the step, (rows,) [1/s], and the figures.
+    """Yaw rate over steering angle after the step, (rows,) [1/s], and the metrics.
 
     Attributes:
         t: time from the step [s].
@@ -49,8 +49,8 @@ class StepSteer:
         standard: of the FMU, step to about `STANDARD_ACCELERATION`.
         linear: of the linear two-track model.
         standard_angle: steering angle of that larger step [rad].
-        tolerance: share by which the small step may miss the linear model.
-        figures: what is asked of it.
+        tolerance: allowed relative deviation of the small step from the linear model.
+        figures: the metrics.
     """
 
     t: Array
@@ -63,11 +63,11 @@ class StepSteer:
 
 
 def step_steer(fmu: OpenFmu, P: VehicleParameters) -> StepSteer:
-    """Steps the steering angle at a held speed, small and to the standard's lateral acceleration.
+    """Steps the steering angle at constant speed, by a small angle and to the standard's lateral acceleration.
 
     Args:
         fmu: the vehicle.
-        P: the parameters that the expectations follow from.
+        P: the parameters for the expected values.
     """
     C = running_stiffness(P)
     standard_angle = STANDARD_ACCELERATION / (SPEED * yaw_rate_gain(P, C, SPEED))
@@ -89,7 +89,7 @@ def step_steer(fmu: OpenFmu, P: VehicleParameters) -> StepSteer:
         near("Peak response time", found.peak_time, expected.peak_time, relative=tolerance, unit="s", source=model),
         near("Overshoot", found.overshoot, expected.overshoot, absolute=tolerance, source=model),
         at_most(
-            "Greatest distance of the curves over the steady yaw rate",
+            "Largest deviation of the curves over the steady yaw rate",
             float(np.abs(small["gamma"] / SMALL_ANGLE - linear).max()) / expected.steady,
             tolerance,
             source=model,
@@ -107,10 +107,10 @@ def step_steer(fmu: OpenFmu, P: VehicleParameters) -> StepSteer:
 
 
 def linear_tolerance(P: VehicleParameters) -> float:
-    """What the tyres' curvature can do to the small step, doubled for the two axles.
+    """Bound of the tyres' nonlinearity in the small step, doubled for the two axles.
 
-    A brush tyre's force is C alpha (1 - r/3 + r^2/27), r = C alpha/(mu F_z): it falls short of the line by r/3 at
-    most, where alpha is at most the steering angle; a share of stiffness changes the response by no more than itself.
+    A brush tyre's force is C alpha (1 - r/3 + r^2/27), r = C alpha/(mu F_z): it is below the linear force by at most
+    r/3, with alpha at most the steering angle; a relative change in stiffness changes the response by at most as much.
     """
     return 2 * P.C_f * SMALL_ANGLE / (P.mu_a * P.F_zf) / 3
 
@@ -124,7 +124,7 @@ def _step(fmu: OpenFmu, angle: float) -> Trace:
 
 
 def response(t: Array, values: Array) -> Response:
-    """The figures of a step response.
+    """The characteristics of a step response.
 
     Args:
         t: times from the step (rows,) [s].
@@ -134,7 +134,7 @@ def response(t: Array, values: Array) -> Response:
     first = int(np.argmax(values >= 0.9 * steady))
     share = (0.9 * steady - values[first - 1]) / (values[first] - values[first - 1])
     top = min(max(int(np.argmax(values)), 1), len(values) - 2)
-    # The parabola through the greatest value and its neighbours has its top between the samples.
+    # The vertex of the parabola through the largest sample and its neighbours.
     left, middle, right = values[top - 1 : top + 2]
     curvature = left - 2 * middle + right
     offset = (left - right) / (2 * curvature) if curvature < 0 else 0.0

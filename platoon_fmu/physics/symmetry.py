@@ -1,4 +1,4 @@
-"""Mirror symmetry: what is done to the left comes out as what is done to the right, mirrored, to rounding."""
+"""Mirror symmetry: a manoeuvre to the left is the mirror image of the one to the right, within rounding."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from platoon_fmu.physics.figure import Figure, at_most
 from platoon_fmu.wheels import WHEEL_NAMES
 
 SPEED = 25.0
-"""Of the test [m/s]."""
+"""Speed of the test [m/s]."""
 _SECONDS = 2.0
 _ANGLES = (0.01, 0.08)
 _TORQUES = ((-100.0, 50.0, 150.0, 80.0), (-900.0, 300.0, 200.0, -50.0))
@@ -25,7 +25,7 @@ _SIDES = str.maketrans("lr", "rl")
 
 @dataclass(frozen=True)
 class MirrorSymmetry:
-    """The path to the left, and the one to the right mirrored, (rows,) [m], of the harder turn; and the figures."""
+    """The paths of the harder turn to the left, and to the right mirrored, (rows,) [m]; and the metrics."""
 
     X: Array
     Y: Array
@@ -35,7 +35,7 @@ class MirrorSymmetry:
 
 
 def mirror_symmetry(fmu: OpenFmu) -> MirrorSymmetry:
-    """Drives turns with uneven torques, tyres and outer forces, and their mirror images.
+    """Drives turns with uneven torques, tyres and external forces, and their mirror images.
 
     Args:
         fmu: the vehicle.
@@ -51,14 +51,14 @@ def mirror_symmetry(fmu: OpenFmu) -> MirrorSymmetry:
             "Greatest difference over the greatest value",
             largest,
             1e-9,
-            source="the vehicle's left and right halves are the same; what is left is rounding",
+            source="the vehicle's left and right halves are identical; only rounding differs",
         ),
     )
     return MirrorSymmetry(left["X"], left["Y"], right["X"], right["Y"], figures)
 
 
 def _drive(fmu: OpenFmu, angle: float, side: int) -> dict[str, Array]:
-    """The series of a turn to the left (side 1) or, as if seen in a mirror, to the right (side -1), by name."""
+    """The series of a turn to the left (side 1), or mirrored, to the right (side -1), by name."""
     series: dict[str, list[Array]] = {name: [] for name in _NAMES}
     with Car(fmu, {"v_x_start": SPEED}) as car:
         for torques, inflations in zip(_TORQUES, _INFLATIONS, strict=True):

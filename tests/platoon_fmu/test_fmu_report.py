@@ -145,7 +145,7 @@ def test_every_section_has_its_figures_verdicts_and_plots(made, page):
     asked = sum(page.sections[name]["figures"] for name in SECTIONS)
     assert page.sections["summary"]["figures"] == asked
     assert page.sections["summary"]["text"].count("PASS") == asked
-    assert f"All {asked} figures met." in made.page
+    assert f"All {asked} metrics passed." in made.page
     assert made.missed == ()
     assert "FAIL" not in made.page
 
@@ -195,7 +195,7 @@ def test_a_missed_figure_is_shown_and_the_exit_code_is_1(deceiving):
     found = Page(text)
     asked = found.sections["summary"]["figures"]
     missed = found.sections["summary"]["text"].count("FAIL")
-    assert f"{missed} of {asked} figures missed." in text
+    assert f"{missed} of {asked} metrics failed." in text
     assert 0 < missed == done.stderr.count("missed:") < asked
     for name in ("circular", "step-steer", "stability"):
         assert "FAIL" in found.sections[name]["text"]

@@ -1,4 +1,4 @@
-"""The page's sections: for each manoeuvre what was done, its figures and its plots."""
+"""The page's sections: for each manoeuvre a description, its metrics and its plots."""
 
 from __future__ import annotations
 

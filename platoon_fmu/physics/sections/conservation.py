@@ -1,4 +1,4 @@
-"""Sections of what no motion may break: energy, symmetry, and the solvers' convergence."""
+"""Sections on properties of every motion: energy, symmetry, and the solvers' convergence."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ def energy(m: Measurements) -> Section:
         "energy",
         "Energy balance",
         "",
-        "Violent manoeuvres, recorded each 1 ms. Energy is that of translation, yaw, roll, wheel spins and roll "
-        "springs, less what the leaning body sinks; load transfers store none. Work comes in by wheel torques and "
-        "external forces; steering does none. Lost is the work that came in less the rise of energy: it must never "
-        "fall. Accounted is what tyres (force times slip velocity), air, rolling resistance and roll dampers took, "
-        "integrated on its own: it must be the same. Throughput is the greatest energy held or lost.",
+        "Violent manoeuvres, recorded every 1 ms. The energy is that of translation, yaw, roll, wheel spins and roll "
+        "springs, less the potential energy that the leaning body loses; load transfers store none. Wheel torques and "
+        "external forces do work; steering does none. The dissipation is this work less the rise in energy and must "
+        "never fall. It must equal the losses in tyres (force times slip velocity), air, rolling resistance and roll "
+        "dampers, integrated separately. The throughput is the largest energy stored or dissipated.",
         m.energy.figures,
         [_ledger(ledger) for ledger in m.energy.ledgers],
     )
@@ -55,8 +55,8 @@ def symmetry(m: Measurements) -> Section:
         "symmetry",
         "Left and right",
         "",
-        f"From {symmetry_test.SPEED:g} m/s two turns, a gentle and a hard one, with different torques on all "
-        "wheels, a side force and a yaw moment, the hard one with soft tyres besides, are driven to the left and, with "
+        f"From {symmetry_test.SPEED:g} m/s, two turns, a gentle and a hard one, with different torques on all "
+        "wheels, a side force and a yaw moment, the hard one also with soft tyres, are driven to the left and, with "
         "everything mirrored, to the right. "
         "All states, the lateral acceleration and the tyre loads are compared.",
         s.figures,
@@ -77,7 +77,7 @@ def convergence(m: Measurements) -> Section:
                 Curve("FMU", 1000 * c.steps, c.errors, BLUE, dots=True),
                 Curve("order 4", 1000 * c.steps, order_4, INK, dash=True),
             ),
-            caption=f"At {1000 * convergence_test.SHORT_S:g} ms, while the fastest motion, the wheels' spins, goes on.",
+            caption=f"At {1000 * convergence_test.SHORT_S:g} ms, before the wheels' spins, the fastest motion, settle.",
             logarithmic=True,
         )
     ]
@@ -99,9 +99,9 @@ def convergence(m: Measurements) -> Section:
         "convergence",
         "Convergence of the solvers",
         "",
-        "A turn at 20 m/s with 100 N m on each wheel, begun out of balance, in which all slips keep their sign and no "
-        "tyre saturates, so that the model has no kink on the way. The error is the greatest of all states at the "
-        "end, over their nominal values, against a solution with much finer steps.",
+        "A turn at 20 m/s with 100 N m on each wheel, started out of equilibrium; all slips keep their sign and no "
+        "tyre saturates, so that the model is smooth throughout. The error is the largest of all states at the "
+        "end, relative to their nominal values, compared with a solution with much finer steps.",
         c.figures,
         plots,
     )

@@ -1,4 +1,4 @@
-"""Sections of the manoeuvres that turn: circular driving, step steer, the oversteering car."""
+"""Sections on lateral manoeuvres: circular driving, step steer, the oversteering car."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def circular(m: Measurements) -> Section:
             Curve("front", c.a_y, c.alpha_f * _DEGREES, BLUE, dots=True),
             Curve("rear", c.a_y, c.alpha_r * _DEGREES, ORANGE, dots=True),
         ),
-        caption="Positive where the tyre pushes to the left, into the turn.",
+        caption="Positive if the tyre pushes to the left, into the turn.",
     )
     roll = Plot(
         "Roll angle over lateral acceleration",
@@ -56,8 +56,8 @@ def circular(m: Measurements) -> Section:
         "Steady-state circular driving",
         "ISO 4138, constant-speed test method",
         f"The speed is held at {circular_test.SPEED:g} m/s by an external force at the centre of mass, so that the "
-        f"tyres carry no drive force. The steering angle is raised in steps from 0 to {c.delta[-1]:.2f} rad, each held "
-        f"for {circular_test.HOLD_S:g} s; the last values of each step are taken. The gradients are the slopes at "
+        f"tyres transmit no drive force. The steering angle is raised in steps from 0 to {c.delta[-1]:.2f} rad, each "
+        f"held for {circular_test.HOLD_S:g} s; the final values of each step are used. The gradients are the slopes at "
         f"a_y = 0 of cubics fitted up to {circular_test.LINEAR_RANGE:g} m/s².",
         c.figures,
         (angles, slips, roll),
@@ -80,7 +80,7 @@ def step_steer(m: Measurements) -> Section:
             Curve("linear two-track model", t, s.linear[shown], INK, dash=True),
         ),
         caption=f"The larger step is the standard's level of about {step_test.STANDARD_ACCELERATION:g} m/s²; there "
-        "the tyres are no longer linear, and nothing is asked of it.",
+        "the tyres are no longer linear, so it has no expected values.",
     )
     difference = Plot(
         "Small step less linear model, over the steady yaw rate",
@@ -96,11 +96,11 @@ def step_steer(m: Measurements) -> Section:
         "step-steer",
         "Step steer",
         "ISO 7401, step input",
-        f"At a held {step_test.SPEED:g} m/s the steering angle steps by {bound(step_test.SMALL_ANGLE)} rad, where "
+        f"At a constant {step_test.SPEED:g} m/s the steering angle steps by {bound(step_test.SMALL_ANGLE)} rad, where "
         "tyres are still linear. The response is compared with that of the linear two-track model: lateral velocity, "
         "yaw, roll and four wheel spins, with linear tyres at each wheel's own position, their stiffnesses at the "
-        "loads of straight driving. Times count from the step. The tolerance is derived: a brush tyre falls short of "
-        f"its initial slope by r/3, r = C_f δ/(μ F_z), and twice that is {100 * s.tolerance:.2g} %.",
+        "loads of straight driving. Times are measured from the step. The tolerance is derived: a brush tyre is below "
+        f"its initial slope by r/3, r = C_f δ/(μ F_z), and twice this is {100 * s.tolerance:.2g} %.",
         s.figures,
         (response, difference),
     )
@@ -133,7 +133,7 @@ def stability(m: Measurements) -> Section:
         "The oversteering car and its critical speed",
         "",
         "With λ_f = +1 and λ_r = −1 the front axle is 40 % stiffer and the rear axle 40 % softer. The Model Exchange "
-        "derivatives are linearised at straight driving by central differences, and the speed is sought at which an "
+        "derivatives are linearised at straight driving by central differences to find the speed at which an "
         "eigenvalue crosses zero. In the time domain a steering pulse disturbs the car "
         f"{100 * stability_test.DISTANCE:g} % below and above the expected critical speed; the rate is fitted "
         "to the second half.",

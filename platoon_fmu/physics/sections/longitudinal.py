@@ -1,4 +1,4 @@
-"""Sections of the manoeuvres straight ahead: coast-down, the friction limit, standstill."""
+"""Sections on longitudinal manoeuvres: coast-down, the friction limit, standstill."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def coast_down(m: Measurements) -> Section:
     """Coast-down."""
     c = m.coast_down
     speed = Plot(
-        "Speed while rolling out",
+        "Speed while coasting",
         "time [s]",
         "speed v_x [m/s]",
         (Curve("FMU", c.t, c.v_x, BLUE), Curve("closed form", c.t, c.expected, INK, dash=True)),
@@ -35,9 +35,9 @@ def coast_down(m: Measurements) -> Section:
         "coast-down",
         "Coast-down",
         "",
-        f"From {coast_test.START_SPEED:g} m/s the car rolls straight ahead with no torque on any wheel, against air "
-        "drag and rolling resistance; the wheels' spins make it heavier. In the closed form the wheels roll without "
-        "slip; the tolerance is the share of the car's energy that the slip which slows the wheels adds to them.",
+        f"From {coast_test.START_SPEED:g} m/s the car coasts straight ahead with no torque on any wheel, against air "
+        "drag and rolling resistance; the wheels' inertia adds to its mass. In the closed form the wheels roll without "
+        "slip; the tolerance is the share of the car's energy that the wheels gain by slip.",
         c.figures,
         (speed, difference),
     )
@@ -50,16 +50,16 @@ def friction(m: Measurements) -> Section:
         "friction",
         "Braking and acceleration at the friction limit",
         "",
-        f"Braking: from {START_SPEED:g} m/s straight ahead a brake locks all wheels and holds them until the car "
-        "rests. Acceleration: from rest all wheels are driven with twice the torque that friction can bear, and spin. "
-        "Both on the nominal and on a slippery road. Accelerations are by the ground (air drag added back), means over "
-        "the time in which all tyres slide.",
+        f"Braking: from {START_SPEED:g} m/s straight ahead a brake locks all wheels until the car "
+        "stops. Acceleration: from rest all wheels are driven with twice the torque that friction transmits, and spin. "
+        "Both on the nominal and on a slippery road. Accelerations are due to tyre forces (air drag excluded), means "
+        "over the time during which all tyres slide.",
         m.friction.figures,
         (
             _speeds("Braking, wheels locked", locked),
-            _accelerations("Deceleration by the ground", locked),
+            _accelerations("Deceleration by tyre forces", locked),
             _speeds("Acceleration, wheels spinning", spinning),
-            _accelerations("Acceleration by the ground", spinning),
+            _accelerations("Acceleration by tyre forces", spinning),
         ),
     )
 
@@ -70,7 +70,7 @@ def _speeds(title: str, slides: tuple[Slide, Slide]) -> Plot:
         curves.append(Curve(f"car, μ = {slide.mu:g}", slide.t, slide.v_x, colour))
         curves.append(Curve(f"rims, μ = {slide.mu:g}", slide.t, slide.rim_speeds.mean(axis=0), colour, dash=True))
     top = 1.1 * max(float(slide.v_x.max()) for slide in slides)
-    caption = "Rim speed is R_w ω; rims beyond the plot spin faster." if slides[0].expected_a > 0 else ""
+    caption = "Rim speed is R_w ω; curves outside the plot are faster." if slides[0].expected_a > 0 else ""
     return Plot(title, "time [s]", "speed [m/s]", curves, caption, y_range=(-0.05 * top, top))
 
 
@@ -96,15 +96,15 @@ def standstill(m: Measurements) -> Section:
             Curve("FMU", s.t[shown], s.v_x[shown], BLUE),
             Curve("closed form", s.t_expected, s.v_expected, INK, dash=True),
         ),
-        caption=f"The brake is put on at {standstill_test.PULL_S:g} s.",
+        caption=f"The brake is applied at {standstill_test.PULL_S:g} s.",
     )
     return Section(
         "standstill",
         "Standstill, pulling away and stopping",
         "",
-        f"The car stands for {standstill_test.REST_S:g} s with its wheels steered by 0.3 rad. Then, wheels straight, "
-        f"{standstill_test.TORQUE:g} N m on each wheel pull it away for {standstill_test.PULL_S:g} s, a brake stops "
-        f"it, and it stands again until {standstill_test.STOP_S:g} s after the brake was put on.",
+        f"The car stands for {standstill_test.REST_S:g} s with its wheels steered by 0.3 rad. Then, with straight "
+        f"wheels, {standstill_test.TORQUE:g} N m on each wheel accelerate it for {standstill_test.PULL_S:g} s, a brake "
+        f"stops it, and it stands until {standstill_test.STOP_S:g} s after braking began.",
         s.figures,
         (speed,),
     )

@@ -14,12 +14,12 @@ class Section:
     """One section of the page.
 
     Attributes:
-        id: for links.
+        id: anchor for links.
         title: its heading.
         standard: the standard it follows; empty for none.
-        done: what was done, in sentences.
-        figures: what was measured, and what is asked of it.
-        plots: what it looks like.
+        done: description of the test, in sentences.
+        figures: the metrics, with their expected values.
+        plots: its plots.
     """
 
     id: str
