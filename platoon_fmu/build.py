@@ -33,7 +33,7 @@ _PROJECT = _PACKAGE.parent
 # The parts of this package on which the FMU's bytes depend, besides fmi/.
 _MODULES = (
     *("build", "codegen", "compilers", "contents", "documentation", "errors", "interface", "model_description"),
-    *("parameters", "tyre", "universal", "vehicle", "versions"),
+    *("parameters", "tyre", "universal", "vehicle", "versions", "wheels"),
 )
 _DATA = ("documentation.html", "icon.png", "icon.svg", "license.txt")
 _EPOCH = (1980, 1, 1, 0, 0, 0)
