@@ -1,11 +1,11 @@
-# make run: all the set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
-# make lint, make coverage, make mutation, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS goes
-# to pytest: make test PYTEST_ARGS='-x -k outbox'.
+# make run: complete set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
+# make lint, make coverage, make mutation, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS is
+# passed to pytest: make test PYTEST_ARGS='-x -k outbox'.
 PYTHON      ?= python3
 SCENARIO    ?= formation
 ARGS        ?=
 PYTEST_ARGS ?=
-# As many as there are cores, hyper-threads included.
+# One per logical core.
 WORKERS     ?= logical
 
 VENV      := .venv
@@ -17,9 +17,9 @@ WARM      := build/.warm
 INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS) --dist worksteal
-# What keeps vehicles apart and what carries their messages, and one run of real processes on two kinds of bus.
+# Tests of the controllers and of their communication, and one run of real processes on two kinds of bus.
 CHECK     := $(addprefix tests/,bus faults conductor control ecu plant integration/test_identity.py)
-# The tests of the files that pyproject.toml has under [tool.coverage.run].
+# The tests of the files listed in pyproject.toml under [tool.coverage.run].
 SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py faults control/test_certificate.py \
 	ecu/test_plausibility.py plant/test_actuators.py)
 ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tracker.py integration/test_own_ecu.py)
@@ -32,11 +32,11 @@ setup: $(WARM)
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)
 
-# In two minutes on two cores.
+# Takes two minutes on two cores.
 check: setup $(DEVELOP) lint
 	$(PYTEST) $(PYTEST_ARGS) $(CHECK)
 
-# What uses CAN links of the kernel runs a second time, where there are some: in a kernel of its own, if need be.
+# Tests that use the kernel's CAN links run a second time if there are any, if necessary in a separate kernel.
 test: setup $(DEVELOP) coverage
 	$(PYTEST) $(PYTEST_ARGS)
 	@if $(BIN)/platoon vcan -- true; then \
@@ -44,12 +44,12 @@ test: setup $(DEVELOP) coverage
 	elif [ -n "$$CI" ]; then echo "make test: the tests on vcan must run in CI" >&2; exit 1; \
 	else echo "make test: NOT TESTED ON VCAN, see the message above" >&2; fi
 
-# Compiled code tells nobody which of its lines ran, so it is interpreted here.
+# Compiled code cannot be traced, so it is interpreted here.
 coverage: setup $(DEVELOP)
 	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
 	$(BIN)/coverage report
 
-# Some 1,600 mutants, as many at a time as there are cores.
+# Some 1,600 mutants, one per core at a time.
 mutation: setup $(DEVELOP)
 	$(BIN)/python -m tests.mutation $(SAFETY)
 
@@ -63,7 +63,7 @@ lint: $(LINTERS) lint-c lint-js
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-# Each folder as its own build compiles it; cantools writes what the tracker includes.
+# Each folder is checked with its own compiler options; cantools generates the tracker's headers.
 lint-c: TIDY = $(BIN)/clang-tidy --quiet
 lint-c: WARNINGS = -Wall -Wextra -Wpedantic -Wconversion -Wshadow
 lint-c: HEADERS = $$(echo $(VENV)/lib/python3*/site-packages/fmpy/c-code)
@@ -86,18 +86,18 @@ lint-js: $(LINTERS)
 	cat bench/analysis/page/*.js > build/lint/page.js
 	$(BIN)/oxlint --deny-warnings build/lint/page.js
 
-# A page for each module, with a search, all of it readable from the disk. Named one by one, as pdoc leaves out what a
-# package's __all__ does not name.
+# A page for each module, with a search, readable offline. The modules are listed because pdoc omits those that are not in
+# a package's __all__.
 docs: setup $(DEVELOP)
 	rm -rf build/docs
 	$(BIN)/pdoc --docformat google --no-show-source --footer-text "$$($(BIN)/platoon --version)" -o build/docs \
 		bench platoon_fmu $$(find bench platoon_fmu -name '[!_]*.py' -not -path 'bench/examples/tracker/*' | \
 		sort | sed 's/\.py$$//; s,/,.,g')
 	@! grep -rE '<(script|link|img)[^>]*(src|href)="?https?:' build/docs || { \
-		echo "make docs: these pages would load something" >&2; exit 1; }
+		echo "make docs: these pages have external references" >&2; exit 1; }
 	@echo build/docs/index.html
 
-# The sdist, and the wheel made from it.
+# The sdist, and the wheel built from it.
 dist: $(INSTALLED)
 	rm -rf build/dist
 	$(BIN)/python -m hatchling build -t sdist -d build/dist
@@ -106,7 +106,7 @@ dist: $(INSTALLED)
 bench: setup $(DEVELOP)
 	$(BIN)/python -m bench.benchmarks
 
-# What `platoon resim` is tested on; to be made anew when ECUs are meant to send something else than before.
+# The logs on which `platoon resim` is tested; regenerate them after an intended change of the frames that ECUs send.
 references: setup
 	$(BIN)/python -m tests.reference
 
@@ -114,13 +114,13 @@ clean:
 	rm -rf $(VENV) build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find bench platoon_fmu tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# The install is editable, so only a change of what is installed asks for another.
+# The install is editable, so only changed requirements need another.
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
 		echo "platoon needs Python 3.11 or newer as $(PYTHON). On Debian or Ubuntu: apt install python3" \
 			"(or name another: make PYTHON=python3.12)" >&2; exit 1; }
 	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { \
-		echo "$(PYTHON) cannot make virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
+		echo "$(PYTHON) cannot create virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt editables hatchling
 	$(INSTALL) '.[live,mf4,pandas]'
@@ -130,7 +130,7 @@ $(LINTERS): $(INSTALLED)
 	$(INSTALL) '.[lint]'
 	@touch $@
 
-# What only tests and benchmarks need; zig's compilers for all platforms are most of it.
+# For tests and benchmarks only; mostly zig's compilers for all platforms.
 $(DEVELOP): $(LINTERS)
 	$(INSTALL) '.[dev]'
 	@touch $@

@@ -212,7 +212,7 @@ SOLVER_SETTINGS = (
         "parameter",
         "fixed",
         "s",
-        "Co-Simulation: longest step of the fixed-step solver; shortened where that would be unstable at rest",
+        "Co-Simulation: longest step of the fixed-step solver; shortened if it would be unstable at rest",
         start=1e-3,
         minimum=1e-6,
         maximum=1e-2,

@@ -132,7 +132,7 @@ class VehicleParameters:
         0.5,
         "1",
         "longitudinal stiffness of a flat tyre over a sound one's",
-        "assumed: falls less than the cornering stiffness, because the belt is stiff circumferentially",
+        "assumed: falls less than the cornering stiffness, as the belt is stiff along its circumference",
         maximum=1.0,
     )
     flat_rolling: float = _parameter(

@@ -63,7 +63,7 @@ def test_the_binarys_figures(host, fmus):
             "the same of FMI 3.0",
             "the same of each of 3 instances (FMI 2.0)",
             "over that of a single one",
-            "Jacobian over the states: directional derivatives",
+            "Jacobian of the states: directional derivatives",
             "from central differences",
             "directional derivatives over differences",
         ],
@@ -75,8 +75,8 @@ def test_pythons_figures(files, fmus):
     assert_whole(
         python_figures(fmus[0], files[0], LITTLE),
         [
-            "plain ctypes, arrays made once",
-            "fmpy's functions, arrays made once",
+            "plain ctypes, arrays allocated once",
+            "fmpy's functions, arrays allocated once",
             over,
             "the bench's plant: the same, values in and out as lists",
             over,
@@ -160,7 +160,7 @@ def test_an_unknown_part_is_refused():
 def test_the_buss_figures():
     coded = ["encode, with E2E", "cantools, without E2E", "decode", "cantools"]
     assert_whole(bus.coding(rounds=2), coded)
-    trips = ["python-can on both sides, echo", "the bench, an empty ECU", "the one by the other"]
+    trips = ["python-can on both sides, echo", "the bench, an empty ECU", "ratio"]
     assert_whole(bus.round_trips("udp", trips=3, rounds=2), trips)
 
 

@@ -1,4 +1,4 @@
-"""What the project is measured by, as tables: the closed loop (`loop`) and the vehicle's FMU (`fmu`).
+"""The project's benchmarks, as tables: closed loop, bus, FMU, live page and logs.
 
-`make bench` prints them all. Nothing here passes or fails: the tables say what is wanted beside what is measured.
+`make bench` prints them all. Nothing here passes or fails: the tables show targets beside measurements.
 """

@@ -1,4 +1,4 @@
-"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all where none is named."""
+"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all if none is named."""
 
 import argparse
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
 
 
 def main() -> None:
-    """Run the part that was asked for, or all."""
+    """Run the requested part, or all."""
     parser = argparse.ArgumentParser(prog="python -m bench.benchmarks", description=__doc__)
     parser.add_argument("part", nargs="?", choices=tuple(PARTS), help="the only part to run")
     chosen = parser.parse_args().part

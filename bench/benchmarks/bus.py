@@ -1,7 +1,7 @@
-"""What the bench adds to the bus: coding, the way from the plant through an ECU and back, and recording.
+"""The bench's overhead on the bus: coding, the round trip from the plant through an ECU, and recording.
 
-The way there and back is measured on the same kind of bus with two processes: a bare echo by python-can, and the
-bench's own node with an ECU that does nothing. Recording is measured as loss, for a minute at `RECORDED_PER_S`.
+The round trip is measured on the same kind of bus with two processes: a bare echo by python-can, and the bench's node
+with an ECU that does nothing. Recording is measured by frame loss during a minute at `RECORDED_PER_S`.
 """
 
 import multiprocessing
@@ -36,32 +36,32 @@ from bench.record.reader import Run
 from bench.record.writer import RunWriter
 
 CODED = 2_000
-"""Messages coded for one time."""
+"""Messages coded per measurement."""
 
 TRIPS, ROUNDS = 300, 31
-"""Ways there and back for one time, and how often that is taken."""
+"""Round trips per measurement, and number of measurements."""
 
 RECORDED_PER_S, RECORDED_S = 10_000, 60
 VEHICLES = 3
 SETTLE_S = 0.0005
-"""Between two trips (s): both ECUs shall wait in the kernel when the next frame comes."""
+"""Pause between two round trips (s), so that both ECUs wait in the kernel when the next frame arrives."""
 
 MOTION = Topic("veh1", "VehicleMotion")
 
 
 class EmptyEcu:
-    """Answers its one input with one command, and thinks nothing."""
+    """Answers its single input with one command, without any computation."""
 
     name = "veh1.tracker"
     inputs: tuple[Topic, ...] = (MOTION,)
 
-    def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:  # noqa: ARG002 - as every ECU
+    def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:  # noqa: ARG002 - the ECU interface
         """Send the steering command, straight ahead."""
         return [Outgoing("veh1", "SteeringCommand", {"SteeringAngle": 0.0, "CommandState": 1})]
 
 
 def tables() -> Iterator[Table | str]:
-    """Measure; yield each table as soon as there is one."""
+    """Yield each table as soon as it is measured."""
     yield table_of("coding a message, mean over both DBC files", coding())
     for can_name in ("udp", "vcan"):
         try:
@@ -72,7 +72,7 @@ def tables() -> Iterator[Table | str]:
 
 
 def coding(rounds: int = ROUNDS) -> list[Figure]:
-    """Return how long our codec and cantools' take for a message, all messages of a vehicle's bus and v2v in turn."""
+    """Return the times of our codec and cantools' per message, over all messages of a vehicle's bus and v2v."""
     codecs = load_codecs(VEHICLES)
     messages = [
         (codec, name, codec.start_values(name)) for codec in (codecs["v2v"], codecs["veh1"]) for name in codec.names
@@ -111,17 +111,17 @@ def coding(rounds: int = ROUNDS) -> list[Figure]:
 
 
 def _each(once: Callable[[], int], times: int) -> float:
-    """Return the seconds for one of the things that `once` does and counts."""
+    """Return the seconds per unit of work of `once`, which returns the number of units."""
     started = time.perf_counter()
     count = sum(once() for _ in range(times))
     return (time.perf_counter() - started) / count
 
 
 def round_trips(can_name: str, trips: int = TRIPS, rounds: int = ROUNDS) -> list[Figure]:
-    """Return the time of a way there and back by python-can and by the bench, and their ratio.
+    """Return the round-trip times of python-can and of the bench, and their ratio.
 
     Raises:
-        BadInput: this machine does not have that bus.
+        BadInput: this machine does not support this bus.
     """
     codec = load_codecs(VEHICLES)["veh1"]
     with ExitStack() as stack:
@@ -133,12 +133,12 @@ def round_trips(can_name: str, trips: int = TRIPS, rounds: int = ROUNDS) -> list
     return [
         time_figure("python-can on both sides, echo", "", samples["bare"]),
         time_figure("the bench, an empty ECU", "", samples["ours"]),
-        ratio_figure("  the one by the other", "1.2", samples["ours"], samples["bare"]),
+        ratio_figure("  ratio", "1.2", samples["ours"], samples["bare"]),
     ]
 
 
 Trip = Callable[[], float]
-"""Makes one trip; returns the seconds it took."""
+"""Makes one round trip; returns its duration in seconds."""
 
 
 def _mean(trip: Trip, trips: int) -> float:
@@ -146,7 +146,7 @@ def _mean(trip: Trip, trips: int) -> float:
 
 
 def _bare_bus(address: Address) -> can.BusABC:
-    """Open python-can's own bus for v2v, which the bench's node is not on."""
+    """Open python-can's own bus on the v2v channel, which the bench's node does not use."""
     place = address.place_of("v2v")
     if place.interface == "socketcan":
         return can.Bus(interface="socketcan", channel=place.channel)
@@ -155,7 +155,7 @@ def _bare_bus(address: Address) -> can.BusABC:
 
 @contextmanager
 def _echo(address: Address) -> Iterator[Trip]:
-    """Give the trip over python-can's `recv` and `send` in two processes."""
+    """Yield the round trip through python-can's `recv` and `send` in two processes."""
     with _process(_serve_echo, address), _bare_bus(address) as bus:
         there = can.Message(arbitration_id=0x102, data=bytes(8), is_extended_id=False)
 
@@ -166,7 +166,7 @@ def _echo(address: Address) -> Iterator[Trip]:
             while True:
                 back = bus.recv(timeout=10.0)
                 if back is None:
-                    raise TimeoutError("python-can's echo did not come back in 10 s")
+                    raise TimeoutError("no echo from python-can within 10 s")
                 if back.arbitration_id == 0x300:
                     return time.perf_counter() - started
 
@@ -185,7 +185,7 @@ def _serve_echo(address: Address, ready: socket.socket) -> None:
 
 @contextmanager
 def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
-    """Give the trip of a sensor frame to an ECU's node and of the command back, decoded as in the plant."""
+    """Yield the round trip of a sensor frame to an ECU's node and of its command, decoded as in the plant."""
     with open_link("veh1", address) as link, _process(_serve_ecu, address):
         poll = select.poll()
         poll.register(link.fileno(), select.POLLIN)
@@ -200,7 +200,7 @@ def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
             link.send(*codec.encode("VehicleMotion", {"VelocityX": 20.0, "VelocityY": 0.0, "YawRate": 0.0}, cycle))
             while True:
                 if not poll.poll(10_000):
-                    raise TimeoutError("the ECU did not answer in 10 s")
+                    raise TimeoutError("no answer from the ECU within 10 s")
                 for can_id, data in link.receive():
                     if can_id == command:
                         codec.decode(can_id, data)
@@ -220,7 +220,7 @@ def _serve_ecu(address: Address, ready: socket.socket) -> None:
 
 @contextmanager
 def _process(target: Callable[[Address, socket.socket], None], address: Address) -> Iterator[None]:
-    """Run `target` in a process of its own, ready when it says so, until the context ends."""
+    """Run `target` in a separate process, from when it reports ready until the context ends."""
     near, far = socket.socketpair()
     process = multiprocessing.get_context("fork").Process(target=target, args=(address, far), daemon=True)
     process.start()
@@ -237,7 +237,7 @@ def _process(target: Callable[[Address, socket.socket], None], address: Address)
 
 
 def recording(seconds: int = RECORDED_S, per_s: int = RECORDED_PER_S) -> Table:
-    """Record frames that another process sends over udp; return what became of them as a table."""
+    """Record frames that another process sends over udp; return their losses as a table."""
     codecs = load_codecs(VEHICLES)
     with ExitStack() as stack:
         address = stack.enter_context(settle(Address.parse("udp"), VEHICLES))
@@ -261,7 +261,7 @@ def recording(seconds: int = RECORDED_S, per_s: int = RECORDED_PER_S) -> Table:
 
 
 def _record(log: Path, links: Mapping[str, Link], codecs: Mapping[str, Codec], count: int) -> int:
-    """Record until `count` frames have come, or none for 5 s; return how many came."""
+    """Record until `count` frames have arrived, or none for 5 s; return the number of frames received."""
     poll = select.poll()
     for link in links.values():
         poll.register(link.fileno(), select.POLLIN)
@@ -283,7 +283,7 @@ def _record(log: Path, links: Mapping[str, Link], codecs: Mapping[str, Codec], c
 
 
 def _send(address: Address, seconds: int, per_s: int) -> None:
-    """Send good frames of all buses, a hundredth of a second's worth at a time, at absolute times."""
+    """Send valid frames of all buses in bursts every 10 ms, at absolute times."""
     codecs = load_codecs(VEHICLES)
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}

@@ -1,14 +1,14 @@
-"""The FMU beside the multi-body model of the package `commonroad-vehicle-models`: same manoeuvre, same accuracy.
+"""The FMU compared with the multi-body model of `commonroad-vehicle-models`: same manoeuvre, same accuracy.
 
 The two are different models of different cars (14 states here, 29 there), so neither is the other's reference: each is
-measured against a tight solution of its own equations, and each uses the quickest of many solver settings whose error
-is within what is asked. The package is Python and is integrated with scipy, as its own examples are; its model gets
-lists instead of numpy arrays, which halves its time. The FMU is called by plain ctypes, all inputs set and all outputs
-got at every step, in steps of several lengths. Where the steering moves, the FMU holds it for a step, as
-co-simulation does, and so does its reference; the package gets the steering's rate at any time.
+compared with an accurate solution of its own equations, using its fastest solver setting within the allowed error. The
+package is Python and is integrated with scipy, as in its own examples; its model gets lists instead of numpy arrays,
+which halves its time. The FMU is called by plain ctypes with several step sizes, setting all inputs and getting all
+outputs at every step. While the steering moves, the FMU and its reference hold it during a step (zero-order hold), as
+in co-simulation; the package gets the continuous steering rate.
 
-In the last rows of a manoeuvre the package is used as its own example does it ("as is"): by odeint with its default
-tolerances, with numpy arrays; the error allowed is the one that this has.
+In the last rows of a manoeuvre the package is used as in its own example ("as is"): odeint with its default tolerances
+and numpy arrays; the error of this setting is the allowed error.
 """
 
 import math
@@ -32,15 +32,15 @@ PACKAGE = "commonroad-vehicle-models"
 WANTED = 1_000.0
 SPEED_MPS, DURATION_S, STEERING_RAD, SLALOM_HZ = 20.0, 5.0, 0.03, 0.5
 COMPARED_S = 0.5
-"""Between two instants at which the solutions are compared."""
+"""Time between the instants at which the solutions are compared (s)."""
 
 ACCURACIES = (1e-4, 1e-6)
 ROUNDS = 5
 FMU_RUNS = 20
-"""A round takes the FMU's mean over so many runs, as one is over before the machine's other work shows."""
+"""Number of runs that a round averages for the FMU, since one run is too short to be representative."""
 
 _SHORTLIST, _RERUNS = 3, 3
-"""How many of the quickest settings are run again, and how often."""
+"""Number of the fastest settings that are repeated, and number of repetitions."""
 
 Trajectory = NDArray[np.float64]
 """X (m), Y (m) and yaw rate (rad/s) at the compared instants: (instants, 3)."""
@@ -48,12 +48,12 @@ Trajectory = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """What the driver does, from straight driving at `SPEED_MPS` on.
+    """The driver's input, from straight driving at `SPEED_MPS`.
 
     Attributes:
         title: its name.
         angle, rate: the steering angle (rad) and its rate (rad/s) over time (s).
-        steps_s: steps in which the FMU can do it (s).
+        steps_s: the FMU's step sizes for it (s).
     """
 
     title: str
@@ -93,7 +93,7 @@ class FmuSolver:
 
     @property
     def start_values(self) -> dict[str, float]:
-        """The FMU's start values that choose it."""
+        """The FMU's start values that select it."""
         if self.step_s:
             return {"solver": 1, "solver_step": self.step_s}
         return {"solver": 2, "solver_tolerance": self.tolerance or 0.0}
@@ -101,7 +101,7 @@ class FmuSolver:
 
 @dataclass(frozen=True)
 class ScipySolver:
-    """A solver of scipy's: `odeint` or a method of solve_ivp, and its tolerances; None is what it comes with."""
+    """A scipy solver: `odeint` or a method of solve_ivp, and its tolerances; None for the default."""
 
     method: str
     relative: float | None
@@ -132,7 +132,7 @@ Setting = TypeVar("Setting")
 
 
 class Stopwatch:
-    """Measures what a block takes: s by the wall's clock, and s of this process's own, which no other one adds to."""
+    """Measures a block: wall-clock time (s), and this process's CPU time (s), which other processes do not affect."""
 
     wall_s = cpu_s = 0.0
 
@@ -146,12 +146,12 @@ class Stopwatch:
 
 
 Run = Callable[[Setting], tuple[Trajectory, Stopwatch]]
-"""Goes through a manoeuvre with a setting."""
+"""Simulates a manoeuvre with a setting."""
 
 
 @dataclass(frozen=True)
 class Trial(Generic[Setting]):
-    """One setting tried: its relative error, the largest of X, Y and yaw rate, and its processor time (s)."""
+    """One tried setting: its relative error (largest of X, Y and yaw rate), and its CPU time (s)."""
 
     setting: Setting
     error: float
@@ -160,13 +160,13 @@ class Trial(Generic[Setting]):
 
 @dataclass(frozen=True)
 class Comparison:
-    """One row: the FMU with one step length against the package, both within one error.
+    """One row: the FMU with one step size compared with the package, both within one error.
 
     Attributes:
         title: the manoeuvre.
-        accuracy: the error allowed.
+        accuracy: the allowed error.
         step_s: the FMU's step (s).
-        ours, theirs: the settings that were quickest.
+        ours, theirs: the fastest settings.
         our_seconds, their_seconds: of the whole manoeuvre, by round.
     """
 
@@ -193,7 +193,7 @@ class MultiBody:
         self._initial = import_module("vehiclemodels.init_mb").init_mb
 
     def run(self, manoeuvre: Manoeuvre, solver: ScipySolver) -> tuple[Trajectory, Stopwatch]:
-        """Integrate; return the trajectory and what that took."""
+        """Integrate; return the trajectory and the time taken."""
         derivatives, parameters, rate = self._derivatives, self._parameters, manoeuvre.rate
 
         def from_list(t: float, x: NDArray[np.float64]) -> Any:
@@ -230,7 +230,7 @@ class FmuVehicle:
     """The FMU, stepped by plain ctypes."""
 
     def __init__(self, instance: Instance) -> None:
-        """Take an instance for co-simulation that has not been started."""
+        """Take a co-simulation instance that has not been started."""
         self._instance = instance
         self._calls = PreparedCalls(instance.start())
         self._step = self._calls.by_ctypes()
@@ -238,7 +238,7 @@ class FmuVehicle:
         self._compared = [self._calls.output_names.index(name) for name in ("X", "Y", "gamma")]
 
     def run(self, manoeuvre: Manoeuvre, h: float, solver: FmuSolver) -> tuple[Trajectory, Stopwatch]:
-        """Go through the manoeuvre in steps of `h` s; return the trajectory and what that took."""
+        """Simulate the manoeuvre in steps of `h` s; return the trajectory and the time taken."""
         self._instance.reset()
         self._instance.start({"v_x_start": SPEED_MPS, **solver.start_values})
         step, inputs, outputs = self._step, self._calls.inputs, self._calls.outputs
@@ -268,10 +268,10 @@ def trials_of(run: Run[Setting], settings: Sequence[Setting], reference: Setting
 
 
 def quickest(run: Run[Setting], trials: Sequence[Trial[Setting]], accuracy: float) -> Trial[Setting]:
-    """Return the quickest trial within an error; those that come close are run again, as one run says little.
+    """Return the fastest trial within an error; close ones are repeated, since one run is not representative.
 
     Raises:
-        ValueError: none is within that error.
+        ValueError: none is within the error.
     """
     good = sorted((trial for trial in trials if trial.error <= accuracy), key=lambda trial: trial.cpu_s)
     if not good:
@@ -280,7 +280,7 @@ def quickest(run: Run[Setting], trials: Sequence[Trial[Setting]], accuracy: floa
 
 
 def _seconds_of(run: Run[Setting], trial: Trial[Setting], runs: int) -> Measure:
-    """Return what runs a trial several times and returns the seconds of one, by the wall's clock."""
+    """Return a measure that runs a trial several times and returns the mean wall-clock seconds."""
     return lambda: sum(run(trial.setting)[1].wall_s for _ in range(runs)) / runs
 
 
@@ -292,7 +292,7 @@ def comparisons(
     solvers: Sequence[ScipySolver] = SCIPY_SOLVERS,
     rounds: int = ROUNDS,
 ) -> list[Comparison]:
-    """Compare the two at one manoeuvre: within every accuracy, and at last within that of the package's example.
+    """Compare the two at one manoeuvre, within every accuracy and within that of the package's example.
 
     Raises:
         ModuleNotFoundError: the package is not installed.
@@ -316,22 +316,22 @@ def comparisons(
 
 
 def table(fmu: OpenFmu) -> Table | str:
-    """Return the table of comparisons, or why there is none."""
+    """Return the table of comparisons, or the reason for omitting it."""
     try:
         rows = [row for manoeuvre in MANOEUVRES for row in comparisons(fmu, manoeuvre)]
     except ModuleNotFoundError as error:
-        return f"The comparison with {PACKAGE} is left out ({error}): pip install {PACKAGE}"
+        return f"The comparison with {PACKAGE} is omitted ({error}): pip install {PACKAGE}"
     return table_of(rows)
 
 
 def table_of(rows: Sequence[Comparison]) -> Table:
-    """Return the table of comparisons: times are medians, ratios those of the least times and the median ones.
+    """Return the table of comparisons: times are medians, ratios those of the minima and of the medians.
 
     scipy's solvers are named with their relative tolerance; the absolute one is equal to it or a tenth.
     """
     found = Table(
-        title=f"Vehicle FMU through ctypes beside {PACKAGE}'s multi-body model with scipy: how many times as fast?\n"
-        f"{DURATION_S:g} s from {SPEED_MPS:g} m/s on; errors of X, Y and yaw rate, each against its own tight solution",
+        title=f"Vehicle FMU through ctypes beside {PACKAGE}'s multi-body model with scipy: speed ratio\n"
+        f"{DURATION_S:g} s from {SPEED_MPS:g} m/s; errors of X, Y and yaw rate, each against its own accurate solution",
         title_justify="left",
     )
     found.add_column("")

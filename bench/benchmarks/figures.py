@@ -1,8 +1,8 @@
-"""Figures that are measured several times: taken in turns, stated with their spread.
+"""Repeated measurements: interleaved, reported with their spread.
 
-The machine does other work at the same time. What is compared is therefore measured in turns, round by round, and of
-every figure the least, the median and the ninth decile of the rounds are given: the least is what the code can do,
-the other two say how far to trust it.
+The machine may have other work at the same time, so values to be compared are measured alternately, round by round. The
+minimum, the median and the ninth decile of the rounds are reported: the minimum is what the code can do, the other two
+show the uncertainty.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,20 +15,20 @@ from rich.table import Table
 Samples = NDArray[np.float64]
 
 Measure = Callable[[], float]
-"""Does something once or many times; returns the seconds it took for each."""
+"""Does something once or several times; returns the seconds per execution."""
 
 _TIMES = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
 
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a table.
+    """One metric of a table.
 
     Attributes:
         title: what was measured.
-        wanted: what is asked of it, as text; empty where nothing is.
+        wanted: its target, as text; empty if none.
         least, median, high: of the rounds; `high` is the ninth decile.
-        is_ratio: whether it is a ratio and not a time (s).
+        is_ratio: whether it is a ratio rather than a time (s).
     """
 
     title: str
@@ -40,11 +40,11 @@ class Figure:
 
 
 def in_turns(measures: Mapping[str, Measure], rounds: int) -> dict[str, Samples]:
-    """Take every measure once a round, each round beginning with another one; return the rounds' seconds by name."""
+    """Take every measure once per round, each round starting with another one; return the rounds' seconds by name."""
     names = list(measures)
     samples = {name: np.empty(rounds) for name in names}
     for name in names:
-        measures[name]()  # What is done once, as filling caches, belongs to no round.
+        measures[name]()  # One-time work, e.g. filling caches, is excluded from the rounds.
     for i in range(rounds):
         for name in names[i % len(names) :] + names[: i % len(names)]:
             samples[name][i] = measures[name]()
@@ -52,25 +52,25 @@ def in_turns(measures: Mapping[str, Measure], rounds: int) -> dict[str, Samples]
 
 
 def time_figure(title: str, wanted: str, seconds: Samples) -> Figure:
-    """Return the figure of a time."""
+    """Return a time as a metric."""
     return Figure(title, wanted, float(seconds.min()), float(np.median(seconds)), float(np.quantile(seconds, 0.9)))
 
 
 def ratio_figure(title: str, wanted: str, above: Samples, below: Samples) -> Figure:
-    """Return the figure of a ratio of two times: of their least, and over the ratios of the single rounds."""
+    """Return the ratio of two times as a metric: of their minima, and the spread of the rounds' ratios."""
     ratios = above / below
     least = float(above.min() / below.min())
     return Figure(title, wanted, least, float(np.median(ratios)), float(np.quantile(ratios, 0.9)), is_ratio=True)
 
 
 def seconds_text(seconds: float) -> str:
-    """Return a time with three digits and a unit that suits it."""
+    """Return a time with three digits and a suitable unit."""
     scale, unit = next(((s, u) for s, u in _TIMES if abs(seconds) >= s), _TIMES[-1])
     return f"{seconds / scale:.3g} {unit}"
 
 
 def table_of(title: str, figures: Sequence[Figure]) -> Table:
-    """Return a table with a row for each figure."""
+    """Return a table with a row for each metric."""
     table = Table(title=title, title_justify="left")
     table.add_column("")
     for heading in ("wanted", "least", "median", "9th decile"):

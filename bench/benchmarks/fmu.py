@@ -1,6 +1,6 @@
-"""The vehicle FMU's speed: in its binary, through Python, and beside another vehicle model (`commonroad`).
+"""The vehicle FMU's speed: in its binary, through Python, and compared with another vehicle model (`commonroad`).
 
-What is measured is this machine's binary, built from the sources as they are.
+It measures this machine's binary, built from the current sources.
 """
 
 import math
@@ -27,23 +27,23 @@ from platoon_fmu.importer import Instance, Kind, OpenFmu, opened
 from platoon_fmu.versions import FMI2, FMI3
 
 STEP_S = 0.01
-"""A step of co-simulation: the bench's."""
+"""Co-simulation step size, as in the bench (s)."""
 
 CIRCLE = {"v_x_start": 20.0, "steering_angle": 0.02, "force_x": 500.0}
-"""A manoeuvre without end: round a circle, driven by a force that the resistances balance near the start's speed."""
+"""An endless manoeuvre: a circle, driven by a force that balances the resistances near the initial speed."""
 
 SLALOM_S, SLALOM_HZ, SLALOM_RAD = 2.0, 0.5, 0.03
-"""The manoeuvre whose states the right-hand side is evaluated at."""
+"""The manoeuvre that provides the states for the right-hand side."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is done for a figure.
+    """The amount of work per metric.
 
     Attributes:
-        rounds: how often it is measured.
-        right_hand_sides, jacobians, steps: how many of these one measurement takes the mean of.
-        instances: how many vehicles are many.
+        rounds: number of measurements.
+        right_hand_sides, jacobians, steps: number of these averaged in one measurement.
+        instances: number of vehicles in the test with many instances.
     """
 
     rounds: int = 31
@@ -58,7 +58,7 @@ class Size:
     """One FMU's size.
 
     Attributes:
-        name: which FMU.
+        name: of the FMU.
         platforms: folders of its binaries.
         packed, largest_binary: bytes of the FMU, and of the largest binary in it.
     """
@@ -70,7 +70,7 @@ class Size:
 
 
 def tables() -> Iterator[Table | str]:
-    """Build the FMUs aside and measure them; yield each table, or why there is none."""
+    """Build the FMUs in a temporary folder and measure them; yield each table, or the reason for omitting it."""
     effort = Effort()
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="platoon-bench-")))
@@ -79,7 +79,7 @@ def tables() -> Iterator[Table | str]:
             fmu2, fmu3 = (stack.enter_context(opened(file)) for file in files)
             host = TimingHost(fmu2, fmu3, folder)
         except FmuError as error:
-            yield f"The FMU's figures are left out: {error}"
+            yield f"The FMU's benchmarks are omitted: {error}"
             return
         yield table_of("Vehicle FMU: in the binary, called from C", binary_figures(host, fmu2, fmu3, effort))
         yield table_of(
@@ -94,7 +94,7 @@ def tables() -> Iterator[Table | str]:
 
 
 def binary_figures(host: TimingHost, fmu2: OpenFmu, fmu3: OpenFmu, effort: Effort) -> list[Figure]:
-    """Measure what does not depend on who calls."""
+    """Measure what does not depend on the caller."""
     with ExitStack() as stack:
 
         def started(fmu: OpenFmu, kind: Kind, **more: float) -> Instance:
@@ -124,7 +124,7 @@ def binary_figures(host: TimingHost, fmu2: OpenFmu, fmu3: OpenFmu, effort: Effor
         time_figure("  the same of FMI 3.0", "15 µs", taken["step 3"]),
         time_figure(f"  the same of each of {effort.instances:,} instances (FMI 2.0)", "", taken["many"]),
         ratio_figure("    over that of a single one", "", taken["many"], taken["step 2"]),
-        time_figure("Jacobian over the states: directional derivatives", "", taken["directional"]),
+        time_figure("Jacobian of the states: directional derivatives", "", taken["directional"]),
         time_figure("  from central differences", "", taken["differences"]),
         ratio_figure(
             "  directional derivatives over differences", "below 1", taken["directional"], taken["differences"]
@@ -133,7 +133,7 @@ def binary_figures(host: TimingHost, fmu2: OpenFmu, fmu3: OpenFmu, effort: Effor
 
 
 def slalom(fmu: OpenFmu) -> Points:
-    """Return the states along a slalom, so that no two evaluations in a row are of the same."""
+    """Return the states along a slalom, so that consecutive evaluations differ."""
     rows = []
     with Instance(fmu, Kind.CO_SIMULATION) as vehicle:
         vehicle.start(CIRCLE)
@@ -145,7 +145,7 @@ def slalom(fmu: OpenFmu) -> Points:
 
 
 def python_figures(fmu: OpenFmu, file: Path, effort: Effort) -> list[Figure]:
-    """Measure a step with all inputs and outputs in the ways that Python has to do it."""
+    """Measure a step with all inputs and outputs in each of Python's ways to call it."""
     with ExitStack() as stack:
 
         def prepared() -> PreparedCalls:
@@ -167,8 +167,8 @@ def python_figures(fmu: OpenFmu, file: Path, effort: Effort) -> list[Figure]:
         }
         taken = in_turns({way: _repeated(step, effort.steps) for way, step in ways.items()}, effort.rounds)
     return [
-        time_figure("plain ctypes, arrays made once", "", taken["ctypes"]),
-        time_figure("fmpy's functions, arrays made once", "", taken["fmpy"]),
+        time_figure("plain ctypes, arrays allocated once", "", taken["ctypes"]),
+        time_figure("fmpy's functions, arrays allocated once", "", taken["fmpy"]),
         ratio_figure("  over plain ctypes", "at most 1.3", taken["fmpy"], taken["ctypes"]),
         time_figure("the bench's plant: the same, values in and out as lists", "", taken["plant"]),
         ratio_figure("  over plain ctypes", "at most 1.3", taken["plant"], taken["ctypes"]),
@@ -178,7 +178,7 @@ def python_figures(fmu: OpenFmu, file: Path, effort: Effort) -> list[Figure]:
 
 
 def _repeated(step: Step, steps: int) -> Measure:
-    """Return what does `steps` steps, going on from call to call, and returns the seconds of one."""
+    """Return a measure that does `steps` steps, continuing from call to call, and returns the seconds per step."""
     done = 0
 
     def seconds() -> float:
@@ -194,7 +194,7 @@ def _repeated(step: Step, steps: int) -> Measure:
 
 
 def sizes(files: Mapping[str, Path]) -> list[Size]:
-    """Return the size of each FMU by name; of several with the same bytes, of the first."""
+    """Return the size of each FMU by name, identical ones only once."""
     distinct: dict[bytes, Size] = {}
     for name, file in files.items():
         distinct.setdefault(file.read_bytes(), _size(name, file))

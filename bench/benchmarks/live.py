@@ -1,4 +1,4 @@
-"""What it costs a run to be watched: the same run with a viewer of its live page and without, in turns."""
+"""The cost of a live viewer: the same run with and without a viewer of its live page, alternately."""
 
 import subprocess
 import sys
@@ -18,16 +18,16 @@ from bench.scenario import load
 
 ROUNDS = 7
 LIMIT = 1.05
-"""A run may take this much longer when it is watched."""
+"""Allowed slowdown of a run with a viewer."""
 
 
 def tables() -> Iterator[Table]:
-    """Run the scenario in turns; yield the table."""
+    """Yield the table, after running the scenario alternately."""
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         logs = Path(folder)
         seconds = in_turns({"alone": lambda: _alone(logs), "watched": lambda: _watched(logs)}, ROUNDS)
     yield table_of(
-        "formation over udp, as fast as it goes, watched in its live page",
+        "formation over udp, as fast as possible, with a viewer of its live page",
         [
             time_figure("alone", "", seconds["alone"]),
             time_figure("watched", "", seconds["watched"]),
@@ -47,7 +47,7 @@ def _watched(logs: Path) -> float:
         seconds = _run(log)
     rows, _ = viewer.communicate()
     if not int(rows or "0"):
-        raise RuntimeError("the viewer has seen nothing of the run")
+        raise RuntimeError("the viewer received no data of the run")
     return seconds
 
 

@@ -1,6 +1,6 @@
-"""Makes long logs of a short one: its chunks over and over, each time with later times.
+"""Creates long logs from a short one by repeating its chunks with shifted times.
 
-The messages are those of a real run and stand in chunks as it wrote them; only log_time and publish_time are others.
+The messages and their chunks are those of a real run; only log_time and publish_time are changed.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ _TIMES = ("log_time", "publish_time")
 
 
 def repeat(source: Path, target: Path, *, period_ns: int, duration_ns: int = 0, size: int = 0) -> int:
-    """Write the log `source`, a run of the length `period_ns`, over and over; return how many raw frames that makes.
+    """Write the log `source`, a run of the length `period_ns`, repeatedly; return the number of raw frames.
 
     Args:
-        source: a whole log.
-        target: the log to make.
-        period_ns: by how much later each time is.
-        duration_ns: end when the log is at least so long in simulated time ...
-        size: ... and has at least so many bytes.
+        source: a complete log.
+        target: the log to create.
+        period_ns: time shift per repetition.
+        duration_ns: stop when the log has at least this simulated duration ...
+        size: ... and at least this number of bytes.
     """
     file = ScannedFile(source)
     contents = file.contents
@@ -37,7 +37,7 @@ def repeat(source: Path, target: Path, *, period_ns: int, duration_ns: int = 0, 
         for name, data in contents.attachments.items():
             log.add_attachment(name, "", data)
         for number in range(1, max(contents.channels) + 1):
-            # A channel without messages does not enter the file; here it only keeps the numbers as they are.
+            # A channel without messages is not written; registering it only keeps the channel numbers.
             channel = contents.channels.get(number, next(iter(contents.channels.values())))
             schema = contents.schemas[channel.schema_id]
             log.add_channel(channel.topic, log.add_schema(schema.name, schema.data), channel.metadata)
@@ -52,7 +52,7 @@ def repeat(source: Path, target: Path, *, period_ns: int, duration_ns: int = 0, 
 
 
 class _Chunk:
-    """A chunk's messages, to be written again with other times."""
+    """A chunk's messages, to be rewritten with other times."""
 
     def __init__(self, file: ScannedFile, number: int) -> None:
         data = file.chunk(number)

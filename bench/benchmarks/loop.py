@@ -1,7 +1,7 @@
-"""The closed loop's figures: times, what comes of each shipped scenario, and what is left of a crosswind's offset.
+"""The closed loop's metrics: times, the result of each shipped scenario, and the remaining offset in crosswind.
 
-Times are of real processes over `udp`, as fast as the machine goes and then on the wall clock; what does not depend on
-time is the same on every bus and taken from `direct`.
+Times are measured with real processes over `udp`, first as fast as possible, then in real time; results that do not
+depend on time are the same on every bus and come from `direct`.
 """
 
 import math
@@ -26,17 +26,17 @@ LAMBDAS = (-1.0, 0.0, 1.0)
 """Uncertainties of the cornering stiffness, both axles, at which the tracker must be offset-free."""
 
 LAST_S = 2.0
-"""The offset is the mean tracking error over this last part of a run (s)."""
+"""The offset is the mean tracking error over this final part of a run (s)."""
 
 REALTIME_S = 60
-"""Length of the real-time run (s)."""
+"""Duration of the real-time run (s)."""
 
 TIMED_RUNS = 3
-"""How often the timed scenario is run; the machine's other work disturbs one run more than another."""
+"""Number of timed runs, since the machine's other work disturbs some more than others."""
 
 
 def tables() -> Iterator[Table]:
-    """Run the scenarios; yield each table as soon as there is one."""
+    """Yield each table as soon as its scenarios have run."""
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         logs = Path(folder)
         yield timing([record(logs, "formation", bus="udp") for _ in range(TIMED_RUNS)])
@@ -71,9 +71,9 @@ def timing(runs: Sequence[Run]) -> Table:
         table.add_column(f"run {number}", justify="right")
     for title, wanted, message, signal in (
         ("tracker's whole step", "5 / 10 ms", "TrackerTiming", "StepTime"),
-        ("  of it the solver", "", "TrackerTiming", "SolveTime"),
+        ("  of which solver", "", "TrackerTiming", "SolveTime"),
         ("planner's whole step", "3 / 3 ms", "PlannerTiming", "StepTime"),
-        ("  of it the optimisation, where there is one", "", "PlannerTiming", "OptimisationTime"),
+        ("  of which optimisation, if any", "", "PlannerTiming", "OptimisationTime"),
         ("plant's step, one vehicle", "", "PlantTiming", "StepTime"),
     ):
         table.add_row(title, wanted, *(_percentiles(recorded, message, signal) for recorded in runs))
@@ -103,7 +103,7 @@ def deadlines(recorded: Run) -> Table:
 
 
 def figures(runs: Sequence[Run]) -> Table:
-    """Return the table of what came of each scenario, a row for each."""
+    """Return the table of results, a row for each scenario."""
     table = Table(title="shipped scenarios: at the end, the worst vehicle", title_justify="left")
     table.add_column("scenario")
     for heading in (
@@ -141,7 +141,7 @@ def _worst(metrics: Metrics, gap_m: float, speed_mps: float) -> list[str]:
 
 
 def offsets(logs: Path) -> Table:
-    """Return the table of what is left of the crosswind's offset with the disturbance estimate."""
+    """Return the table of the remaining crosswind offset with the disturbance estimate."""
     table = Table(
         title=f"crosswind: mean tracking error over the last {LAST_S:g} s, with and without the disturbance estimate",
         title_justify="left",

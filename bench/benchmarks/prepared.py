@@ -1,7 +1,7 @@
-"""An FMI 2.0 FMU's binary called by plain ctypes: what Python can do at best.
+"""An FMI 2.0 FMU's binary called by plain ctypes, the fastest way from Python.
 
-Between Python and the binary there is nothing but ctypes, and every array and argument is made once.
-`bench.plant.fmu` does nearly this, but with fmpy's functions, and with the checks and copies that a plant wants.
+There is nothing but ctypes between Python and the binary, and every array and argument is allocated once.
+`bench.plant.fmu` does nearly the same, but with fmpy's functions, and with the checks and copies that a plant needs.
 """
 
 from collections.abc import Callable
@@ -12,19 +12,19 @@ from bench.errors import RunFailed
 from platoon_fmu.importer import Instance
 
 Step = Callable[[float, float], None]
-"""Goes on from a time (s) by a length (s), all inputs set before and all outputs got after."""
+"""Advances from a time (s) by a step (s), setting all inputs before and getting all outputs after."""
 
 
 class PreparedCalls:
-    """Arrays and arguments for an instance for co-simulation that has been started.
+    """Arrays and arguments for a started co-simulation instance.
 
     Attributes:
         input_names, output_names: in the modelDescription's order.
-        inputs, outputs: their values, as ctypes arrays; the inputs start as they are.
+        inputs, outputs: their values, as ctypes arrays; the inputs start with the instance's values.
     """
 
     def __init__(self, instance: Instance) -> None:
-        """Prepare the calls for one instance, which must live as long as this does."""
+        """Prepare the calls for one instance, which must outlive this object."""
         variables = instance.fmu.description.modelVariables
         self.input_names = [v.name for v in variables if v.causality == "input"]
         self.output_names = [v.name for v in variables if v.causality == "output"]
@@ -36,7 +36,7 @@ class PreparedCalls:
 
     def by_ctypes(self) -> Step:
         """Return the step by ctypes alone; it raises RunFailed if the FMU refuses it."""
-        # A library object of its own, as fmpy declares the functions of the other one in its way.
+        # A separate library object, because fmpy sets the argument types of its own one.
         library = CDLL(self._instance.raw.dll._name)
         set_real, do_step, get_real = library.fmi2SetReal, library.fmi2DoStep, library.fmi2GetReal
         component, start, length, forward = c_void_p(self._instance.raw.component), c_double(), c_double(), c_int(1)
@@ -46,7 +46,7 @@ class PreparedCalls:
         def step(time: float, h: float) -> None:
             start.value, length.value = time, h
             if set_real(*inputs) or do_step(component, start, length, forward) or get_real(*outputs):
-                raise RunFailed(f"the FMU refused a step from {time} s on: {self._instance.said}")
+                raise RunFailed(f"the FMU refused a step from {time} s: {self._instance.said}")
 
         return step
 
@@ -65,7 +65,7 @@ class PreparedCalls:
         return step
 
     def by_fmpys_lists(self) -> Step:
-        """Return the step by fmpy's setReal, doStep and getReal, which make new arrays of lists at every call."""
+        """Return the step by fmpy's setReal, doStep and getReal, which convert lists to new arrays at every call."""
         raw, values = self._instance.raw, list(self.inputs)
         inputs, outputs = list(self._input_references), list(self._output_references)
 

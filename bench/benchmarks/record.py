@@ -1,7 +1,7 @@
-"""What logs cost: recording as fast as it goes, reading a long one, and the memory that takes.
+"""The cost of logs: recording as fast as possible, reading a long log, and the memory needed.
 
-Long logs are a real run's chunks over and over (`bench.benchmarks.long_log`), made in a temporary folder. Beside our
-reading stands what one would write oneself: `mcap.reader` and cantools, frame by frame.
+Long logs repeat a real run's chunks (`bench.benchmarks.long_log`) in a temporary folder. Our reader is compared with
+the obvious alternative: `mcap.reader` and cantools, frame by frame.
 """
 
 import subprocess
@@ -30,25 +30,25 @@ from bench.record.reader import Run
 from bench.record.writer import RunWriter
 
 PERIOD_S = 10
-"""Length of the run that is repeated: what the scenario `formation` lasts."""
+"""Duration of the repeated run: that of the scenario `formation`."""
 
 LONG_S = 600
 BIG_BYTES = 1 << 30
 
 PACED_S = 20
-"""Length of the run on the wall clock."""
+"""Duration of the real-time run."""
 
 SIGNAL = "veh1.VehicleMotion.YawRate"
 SLICE_S = 30
-"""All signals are read a slice after the other."""
+"""All signals are read slice by slice."""
 
 ROUNDS = 7
 
-# What is done with the big log, each in a process of its own; it prints the most memory that process had, in KiB.
+# Uses of the big log, each in a separate process, which prints its peak memory in KiB.
 _READ = {
     "one signal": "run.signal('veh1.VehicleMotion.YawRate')",
-    "all signals, one after the other": "[len(run.signal(name)[0]) for name in run.names()]",
-    "all frames, one after the other": "sum(1 for frame in run.frames())",
+    "all signals, one by one": "[len(run.signal(name)[0]) for name in run.names()]",
+    "all frames, one by one": "sum(1 for frame in run.frames())",
 }
 _CHILD = """
 import re, sys
@@ -61,12 +61,12 @@ print(re.search(r"VmHWM:\\s+(\\d+) kB", Path("/proc/self/status").read_text())[1
 
 
 def tables() -> Iterator[Table]:
-    """Measure; yield each table as soon as there is one."""
+    """Yield each table as soon as it is measured."""
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as folder:
         run = make_run(Path(folder), "formation", [f"duration_s={PERIOD_S}"])
         yield recording(run.path, Path(folder))
         yield shares(make_run(Path(folder), "formation", [f"duration_s={PACED_S}"], bus="udp", realtime=True))
-        # Chunks are as large as of a run in real time; of one that was slower they are smaller, at every half second.
+        # Chunks must be as large as in a real-time run; a slower run writes smaller ones, every half second.
         short = Path(folder) / "short.mcap"
         _record_again(run, short, 1)
         log = Path(folder) / "long.mcap"
@@ -81,12 +81,12 @@ def tables() -> Iterator[Table]:
 
 
 def recording(source: Path, folder: Path, times: int = 8) -> Table:
-    """Give the frames and truth of a run to the recorder `times` over, as fast as it takes them."""
+    """Record the frames and truth of a run `times` times, as fast as possible."""
     run, log = Run(source), folder / "recorded.mcap"
     given, elapsed, used = _record_again(run, log, times)
     found = Run(log)
     logged = sum(found.log.count(f"/can/{bus}") for bus in found.buses)
-    table = Table(title="recording as fast as it goes", title_justify="left")
+    table = Table(title="recording as fast as possible", title_justify="left")
     for heading in ("frames", "in the log", "frames/s", "wanted", "a frame", "log"):
         table.add_column(heading, justify="right")
     size = f"{log.stat().st_size / given:.0f} bytes a frame"
@@ -96,22 +96,22 @@ def recording(source: Path, folder: Path, times: int = 8) -> Table:
 
 
 def shares(run: Run) -> Table:
-    """Return what recording takes of a core in a run on the wall clock, and with it all that the conductor does."""
+    """Return the share of a core used by recording in a real-time run, and by the whole conductor."""
     times_s, cpu_s = run.signal("processes.conductor.cpu_time")
-    title = f"{run.vehicles} vehicles on the wall clock: processor time by the time that passes"
+    title = f"{run.vehicles} vehicles in real time: CPU time over wall-clock time"
     table = Table(title=title, title_justify="left")
     for heading in ("", "wanted", "of a core"):
         table.add_column(heading, justify="right" if heading else "left")
     recorded = float(run.result["recorder_cpu_s"]) / float(run.result["wall_s"])
     table.add_row("frames, signals, truth and events to the log", "10 %", f"{100 * recorded:.1f} %")
-    # Its first sample is of before the run.
+    # Its first sample is from before the run.
     whole = float((cpu_s[-1] - cpu_s[1]) / (times_s[-1] - times_s[1]))
     table.add_row("  with reception, E2E, deadlines: the conductor", "", f"{100 * whole:.1f} %")
     return table
 
 
 def _record_again(run: Run, log: Path, times: int) -> tuple[int, float, float]:
-    """Record a run's frames and truth `times` over; return how many frames, and the seconds: passed, and worked."""
+    """Record a run's frames and truth `times` times; return the number of frames, wall-clock and CPU seconds."""
     codecs, cycles = load_codecs(run.vehicles), _cycles(run)
     period_ns = PERIOD_S * NS
     started, used = time.perf_counter(), time.process_time()
@@ -148,7 +148,7 @@ def _cycles(run: Run) -> list[tuple[list[Frame], list[tuple[int, int, np.ndarray
 
 
 def reading(short: Path, log: Path, rounds: int = ROUNDS) -> list[Figure]:
-    """Return what it takes to read a signal and all signals of `log`, and `short` frame by frame."""
+    """Return the times of reading a signal and all signals of `log`, and of reading `short` frame by frame."""
     run = Run(log)
     topics = [topic for topic in run.topics if topic.startswith("/signals/")]
     end_ns = run.log.contents.chunks.places["end_ns"].max() + 1
@@ -174,12 +174,12 @@ def reading(short: Path, log: Path, rounds: int = ROUNDS) -> list[Figure]:
         time_figure(f"open it, read {SIGNAL}", "0.3 s", samples["one"]),
         time_figure("all signals, a frame", "1 µs", samples["all"]),
         time_figure("  mcap.reader and cantools, a frame", "", samples["plain"]),
-        ratio_figure("  the one by the other", "at least 5", samples["plain"], samples["all"]),
+        ratio_figure("  ratio", "at least 5", samples["plain"], samples["all"]),
     ]
 
 
 def _plain(log: Path) -> float:
-    """Return the seconds for a frame of `log`, read as one would with what there is on PyPI."""
+    """Return the seconds per frame of `log`, read with the usual packages from PyPI."""
     started = time.perf_counter()
     kind: Any = message_class(NAME, SCHEMA)
     databases = {name: cantools.database.can.Database() for name in ("vehicle.dbc", "v2v.dbc")}
@@ -199,7 +199,7 @@ def _plain(log: Path) -> float:
 
 
 def memory(log: Path, frames: int) -> Table:
-    """Return the most memory that processes have that read a log of `frames` frames."""
+    """Return the peak memory of processes that read a log of `frames` frames."""
     title = f"memory while reading a log of {log.stat().st_size / 1e9:.2f} GB, {frames} frames"
     table = Table(title=title, title_justify="left")
     for heading in ("", "wanted", "peak", "time"):
@@ -212,7 +212,7 @@ def memory(log: Path, frames: int) -> Table:
 
 
 def memory_of(code: str, log: Path) -> int:
-    """Return the most memory that a process had which opened `log` as `run` and ran `code`, in bytes."""
+    """Return the peak memory in bytes of a process that opens `log` as `run` and runs `code`."""
     command = [sys.executable, "-c", _CHILD.format(code), str(log)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return int(done.stdout.split()[-1]) * 1024

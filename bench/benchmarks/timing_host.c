@@ -1,8 +1,8 @@
-/* Loops that call an FMU, or the model inside it, many times in a row: what it takes without a script around it.
+/* Loops that call an FMU, or the model inside it, many times: its run times without a scripting language.
  *
- * Compiled together with the sources that the FMU carries, of which `platoon_model` is used. The FMI functions are passed
- * in by their addresses: they are those of the FMU's own binary. Every function here returns the seconds that one unit of
- * its work took on the mean, or -1 where the FMU refused something or has too many states for the arrays here.
+ * Compiled together with the FMU's sources, of which `platoon_model` is used. The FMI functions are those of the FMU's
+ * own binary, passed by address. Every function returns the mean seconds per unit of work, or -1 if the FMU refused a
+ * call or has too many states for the arrays here.
  */
 #define _POSIX_C_SOURCE 200809L /* clock_gettime */
 
@@ -24,7 +24,7 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* A right-hand side without any FMI, at n points in turn; start values for inputs and parameters. */
+/* A right-hand side without any FMI, at n points in turn; with start values for inputs and parameters. */
 EXPORTED double time_model(const double *points, size_t n, size_t calls) {
     double dx[MOST_STATES];
     const double start = now();
@@ -53,7 +53,7 @@ EXPORTED double time_right_hand_side(fmi2SetContinuousStatesTYPE *set, fmi2GetDe
     return (now() - start) / (double)calls;
 }
 
-/* The derivatives' Jacobian over the states, column by column, from directional derivatives. */
+/* The derivatives' Jacobian with respect to the states, column by column, from directional derivatives. */
 EXPORTED double time_directional(fmi2SetContinuousStatesTYPE *set, fmi2GetDirectionalDerivativeTYPE *differentiate,
                                  fmi2Component instance, const fmi2ValueReference *states,
                                  const fmi2ValueReference *derivatives, const double *points, size_t n, size_t n_states,
@@ -73,7 +73,7 @@ EXPORTED double time_directional(fmi2SetContinuousStatesTYPE *set, fmi2GetDirect
     return (now() - start) / (double)calls;
 }
 
-/* The same Jacobian from central differences, which is two right-hand sides a column. */
+/* The same Jacobian from central differences: two right-hand sides per column. */
 EXPORTED double time_differences(fmi2SetContinuousStatesTYPE *set, fmi2GetDerivativesTYPE *get, fmi2Component instance,
                                  const double *points, size_t n, size_t n_states, size_t calls) {
     static const double WIDTH = 1e-6;
@@ -99,7 +99,7 @@ EXPORTED double time_differences(fmi2SetContinuousStatesTYPE *set, fmi2GetDeriva
     return (now() - start) / (double)calls;
 }
 
-/* Steps of h seconds from `time` on, each instance in turn; for one step of one instance. */
+/* Steps of h seconds from `time`, each instance in turn; per step and instance. */
 EXPORTED double time_steps_2(fmi2DoStepTYPE *step, const fmi2Component *instances, size_t n, double time, double h,
                              size_t steps) {
     const double start = now();

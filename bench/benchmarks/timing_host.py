@@ -1,4 +1,4 @@
-"""timing_host.c, compiled and loaded: what the FMU takes when C calls it."""
+"""timing_host.c, compiled and loaded: the FMU's run times when called from C."""
 
 import ctypes
 from collections.abc import Callable, Sequence
@@ -14,20 +14,20 @@ from platoon_fmu.importer import Instance, OpenFmu
 
 _SOURCE = Path(__file__).with_suffix(".c")
 _MODEL = ("vehicle.c", "equations.c")
-"""Of the FMU's sources those that the host is linked with."""
+"""The FMU's sources that are linked into the host."""
 
 _ARRAY = POINTER(c_double)
 _REFERENCES = POINTER(c_uint)
 
 Points = NDArray[np.float64]
-"""States that the model is evaluated at, in turn: (points, states)."""
+"""States at which the model is evaluated, in turn: (points, states)."""
 
 
 class TimingHost:
-    """The loops of timing_host.c: each returns the mean seconds of a unit of its work; RunFailed if it is refused."""
+    """The loops of timing_host.c: each returns the mean seconds per unit of work; RunFailed if a call is refused."""
 
     def __init__(self, fmu2: OpenFmu, fmu3: OpenFmu, folder: Path) -> None:
-        """Compile the host in `folder`, with the sources that the FMUs carry, as their binaries are compiled.
+        """Compile the host in `folder` with the FMUs' sources and their compiler options.
 
         Raises:
             FmuError: there is no C compiler, or it fails.
@@ -57,7 +57,7 @@ class TimingHost:
         return self._call("time_right_hand_side", *functions, *_points(points), c_size_t(calls))
 
     def directional(self, instance: Instance, points: Points, calls: int) -> float:
-        """The derivatives' Jacobian over the states, from a directional derivative for each state."""
+        """The derivatives' Jacobian with respect to the states, from a directional derivative for each state."""
         functions = _functions(instance, "SetContinuousStates", "GetDirectionalDerivative")
         derivatives = [unknown.variable.valueReference for unknown in instance.fmu.description.derivatives]
         references = (_references(instance.references(instance.state_names)), _references(derivatives))
@@ -69,9 +69,9 @@ class TimingHost:
         return self._call("time_differences", *functions, *_points(points), c_size_t(calls))
 
     def steps(self, instances: Sequence[Instance], h: float, steps: int) -> Callable[[], float]:
-        """Return what does `steps` steps of `h` s with each of the instances in turn, for one step of one of them.
+        """Return a measure that does `steps` steps of `h` s with each instance in turn, per step and instance.
 
-        The instances are of one FMU and at one time, and go on from call to call.
+        The instances are of one FMU and at the same time; they continue from call to call.
         """
         version = instances[0].fmu.version
         components = (c_void_p * len(instances))(*(instance.raw.component for instance in instances))

@@ -1,4 +1,4 @@
-"""A viewer of a live run that only reads: `python -m bench.benchmarks.viewer URL`; it prints the number of rows."""
+"""A read-only viewer of a live run, which prints the number of rows: `python -m bench.benchmarks.viewer URL`."""
 
 import json
 import sys
@@ -12,7 +12,7 @@ _AGAIN_S = 0.5
 
 
 def main() -> None:
-    """Fetch the page until it is there, then read its feed to the end."""
+    """Fetch the page until it exists, then read its feed to the end."""
     page = sys.argv[1]
     while True:
         with urllib.request.urlopen(page) as answer:

@@ -1,4 +1,4 @@
-"""A planner of one's own: platoon run --ecu planner=bench/examples/follow.py:Follow."""
+"""A custom planner: platoon run --ecu planner=bench/examples/follow.py:Follow."""
 
 from collections.abc import Mapping
 
@@ -10,10 +10,10 @@ COURSE_GAIN = 1.0  # 1/s
 
 
 class Follow(PlannerBase):
-    """Stays in its lane and keeps the platoon's gap to the next vehicle ahead, whatever lane that is in."""
+    """Stays in its lane and keeps the platoon's gap to the next vehicle ahead, in any lane."""
 
     def plan(self, pose: Pose, motion: Motion, peers: Mapping[int, Peer]) -> Reference:
-        """Return the platoon's speed, or what closes the gap to the one ahead."""
+        """Return the platoon's speed, or the speed that closes the gap to the vehicle ahead."""
         platoon, start = self.scenario.platoon, self.scenario.vehicles[self.vehicle - 1]
         course = pose.yaw + motion.v_y / max(motion.v_x, 1.0)
         yaw_rate = LANE_GAIN * (start.y_m - pose.y) - COURSE_GAIN * course

@@ -4,7 +4,7 @@ from bench.ecu import Command, Motion, Reference, TrackerBase
 
 
 class SingleTrack(TrackerBase):
-    """Steers as the linear single-track model does in steady cornering, and in proportion to what is left."""
+    """Steers by the linear single-track model in steady cornering, plus proportional feedback."""
 
     def control(self, motion: Motion, reference: Reference) -> Command:
         """Return steering angle (rad) and torque on each wheel (N m)."""

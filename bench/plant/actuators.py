@@ -1,4 +1,4 @@
-"""A vehicle's actuators: what they apply of what is commanded, and what they do when no command comes."""
+"""A vehicle's actuators: how they apply commands, and what they do without commands."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
 
 CENTRING_RADPS = 0.2
-"""How fast the steering goes back to straight in the safe state: slow enough to upset no vehicle."""
+"""Rate at which the steering returns to straight in the safe state, slow enough not to upset a vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,20 +25,21 @@ class Applied:
 
 
 class Actuators:
-    """Applies whole sets of commands: steering and torques of one cycle belong together.
+    """Applies complete sets of commands: the steering and torques of one cycle.
 
-    Without a whole set they hold what they have; after `hold_cycles` cycles of that they go to their safe state, until
-    commands come again: no torque at once, and the wheels back to straight at `CENTRING_RADPS`. The vehicle coasts.
+    Without a complete set they hold their values; after `hold_cycles` such cycles they go to their safe state until
+    commands arrive again: zero torque at once, and the wheels return to straight at `CENTRING_RADPS`. The vehicle
+    coasts.
 
     Attributes:
-        state: what they are doing.
+        state: their current mode.
         applied: what acts on the vehicle.
-        held_cycles: cycles in a row without a whole set of commands.
-        command_state: of the commands that are applied; NONE while none are, or while they are held.
+        held_cycles: consecutive cycles without a complete set of commands.
+        command_state: of the applied commands; NONE if there are none or they are held.
     """
 
     def __init__(self, hold_cycles: int | None = None) -> None:
-        """Begin with nothing applied; hold for the shortest timeout that the DBC has for a command, if not told."""
+        """Start with nothing applied; the default of `hold_cycles` is the DBC's shortest timeout of a command."""
         if hold_cycles is None:
             codec = Codec(DBC_DIR / "vehicle.dbc")
             hold_cycles = min(codec.timeout_cycles(name) for name in COMMANDS)
@@ -49,7 +50,7 @@ class Actuators:
         self.command_state = CommandState.NONE
 
     def take(self, commands: Mapping[str, Signals | None]) -> None:
-        """Take one cycle's command messages by name; None for one that did not come or came damaged."""
+        """Take one cycle's command messages by name; None for one that is missing or damaged."""
         steering, front, rear = (commands[name] for name in COMMANDS)
         if steering is None or front is None or rear is None or steering["CommandState"] == CommandState.NONE:
             self.command_state = CommandState.NONE

@@ -1,4 +1,4 @@
-"""What the bench needs of an FMU's modelDescription.xml, read without loading the FMU (FMI 2.0.4, section 2.2)."""
+"""The part of an FMU's modelDescription.xml that the bench needs, read without loading it (FMI 2.0.4, section 2.2)."""
 
 import zipfile
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class FmuDescription:
 
     @property
     def truth_units(self) -> dict[str, str]:
-        """Units of the values of a truth row, where they have one."""
+        """Units of the values of a truth row that have one."""
         return {name: self.units[name] for name in self.truth_names if name in self.units}
 
 
@@ -52,10 +52,10 @@ def read_description(fmu: Path) -> FmuDescription:
             xml = archive.read("modelDescription.xml")
         root = ElementTree.fromstring(xml)
     except (OSError, KeyError, zipfile.BadZipFile, ElementTree.ParseError) as error:
-        raise BadInput(f"{fmu} cannot be read as an FMU: {error}; build it again: platoon fmu build") from error
+        raise BadInput(f"{fmu} cannot be read as an FMU: {error}; rebuild it: platoon fmu build") from error
     simulation = root.find("CoSimulation")
     if root.get("fmiVersion") != "2.0" or simulation is None:
-        raise BadInput(f"{fmu} is no FMI 2.0 FMU for co-simulation; build it again: platoon fmu build")
+        raise BadInput(f"{fmu} is not an FMI 2.0 FMU for co-simulation; rebuild it: platoon fmu build")
     references: dict[str, int] = {}
     units: dict[str, str] = {}
     names: dict[str, list[str]] = {"output": [], "input": []}

@@ -1,4 +1,4 @@
-"""What faults do to a vehicle itself: its actuators, its tyres, the road under it."""
+"""The effects of faults on a vehicle: its actuators, its tyres, its road."""
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping
@@ -14,7 +14,7 @@ class VehicleFaults:
     """The faults of one vehicle."""
 
     def __init__(self, vehicle: int, plan: FaultPlan, inputs: Collection[str]) -> None:
-        """Take from `plan` what is done to vehicle number `vehicle`, whose FMU has these `inputs`."""
+        """Select the faults of vehicle number `vehicle`, whose FMU has these `inputs`, from `plan`."""
         self._vehicle = vehicle
         self._inputs = inputs
         self._plan = plan
@@ -22,7 +22,7 @@ class VehicleFaults:
         self._memories: defaultdict[int, Memory] = defaultdict(dict)
 
     def on_actuators(self, cycle: int, meant: Applied) -> Applied:
-        """Return what the actuators really apply of what they are to apply."""
+        """Return what the actuators actually apply."""
         changes: dict[str, float] = {}
         for index, fault in self._plan.at(cycle):
             changes |= fault.on_actuators(self._vehicle, asdict(self._last), self._memories[index])
@@ -30,10 +30,10 @@ class VehicleFaults:
         return self._last
 
     def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> dict[str, float]:
-        """Return the FMU's inputs by name, changed by what has happened to tyres and road.
+        """Return the FMU's inputs by name, modified by faults of tyres and road.
 
         Raises:
-            RunFailed: the FMU lacks an input that a fault sets, so it would show nothing of the fault.
+            RunFailed: the FMU lacks an input that a fault sets, so the fault would have no effect.
         """
         changes: dict[str, float] = {}
         for _, fault in self._plan.at(cycle):

@@ -1,7 +1,7 @@
-"""One FMU instance for co-simulation, called with arrays that are made once (FMI 2.0.4, section 4).
+"""One FMU instance for co-simulation, called with preallocated arrays (FMI 2.0.4, section 4).
 
-fmpy loads the library and declares its functions. Its own get and set build new ctypes arrays at every call, which
-costs twice the FMU's step, so here the library's functions are called with arguments that are made once.
+fmpy loads the library and declares its functions. Its getters and setters allocate new ctypes arrays at every call,
+which costs twice the FMU's step, so the library's functions are called directly with preallocated arguments.
 """
 
 import hashlib
@@ -22,9 +22,9 @@ from bench.plant.description import FmuDescription
 
 
 def unpack(fmu: Path) -> Path:
-    """Return the folder with the contents of `fmu`; they are unpacked beside it the first time.
+    """Return the folder with the contents of `fmu`, unpacked beside it on first use.
 
-    A folder of the FMU's own and not a temporary one, which a killed plant would leave behind.
+    It is not a temporary folder, which a killed plant would leave behind.
 
     Raises:
         RunFailed: it cannot be unpacked there.
@@ -39,7 +39,7 @@ def unpack(fmu: Path) -> Path:
         try:
             with zipfile.ZipFile(fmu) as archive:
                 archive.extractall(partial)
-            os.rename(partial, folder)  # noqa: PTH104 - fails where another plant was first, as it should
+            os.rename(partial, folder)  # noqa: PTH104 - must fail if another plant was first
         except OSError:
             shutil.rmtree(partial, ignore_errors=True)
             if not folder.is_dir():
@@ -55,17 +55,17 @@ class _Values:
     def __init__(self, description: FmuDescription, names: Collection[str], component: Any) -> None:
         missing = [name for name in names if name not in description.references]
         if missing:
-            raise RunFailed(f"the FMU has no variable {', '.join(missing)}; build it again: platoon fmu build")
+            raise RunFailed(f"the FMU has no variable {', '.join(missing)}; rebuild it: platoon fmu build")
         references = (c_uint * len(names))(*(description.references[name] for name in names))
         self.values = (c_double * len(names))()
         self.arguments = (component, references, len(names), self.values)
 
 
 class FmuInstance:
-    """A vehicle of its own in the FMU's library."""
+    """One vehicle: an instance in the FMU's library."""
 
     def __init__(self, description: FmuDescription, folder: Path, name: str, start: Mapping[str, float]) -> None:
-        """Make the instance `name` of the FMU unpacked in `folder`, with the parameters `start`, at time 0.
+        """Create the instance `name` of the FMU unpacked in `folder`, with the parameters `start`, at time 0.
 
         Raises:
             RunFailed: the FMU has no binary for this machine, or refuses its start values.
@@ -78,10 +78,10 @@ class FmuInstance:
                 modelIdentifier=description.model_identifier,
                 instanceName=name,
             )
-            # With logging on, the FMU's own account of an error is printed and ends up in the last words.
+            # With logging on, the FMU prints its error messages, which end up in the reported last output.
             self._slave.instantiate(loggingOn=True)
         except Exception as error:
-            raise RunFailed(f"{name}: the FMU does not load on this machine: {error}") from error
+            raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: {error}") from error
         library, component = self._slave.dll, self._slave.component
         self._get_real, self._set_real, self._do_step = library.fmi2GetReal, library.fmi2SetReal, library.fmi2DoStep
         self._component = component
@@ -109,10 +109,10 @@ class FmuInstance:
         return self._inputs.values[:]
 
     def step(self, time_s: float, length_s: float, inputs: list[float]) -> None:
-        """Set all inputs, in the description's order, and go `length_s` s on from `time_s`.
+        """Set all inputs, in the description's order, and advance by `length_s` s from `time_s`.
 
         Raises:
-            RunFailed: the FMU does not accept the inputs or cannot do the step.
+            RunFailed: the FMU does not accept the inputs or the step fails.
         """
         self._inputs.values[:] = [*inputs]
         self._check("fmi2SetReal", self._set_real(*self._inputs.arguments))

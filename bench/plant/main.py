@@ -1,4 +1,4 @@
-"""The plant process: all vehicles of a bench, an FMU instance each."""
+"""The plant process: all vehicles of a bench, one FMU instance each."""
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -28,10 +28,10 @@ def make_nodes(
     stack: ExitStack,
     plan: FaultPlan,
 ) -> list[VehicleNode]:
-    """Make the node of every vehicle; `stack` closes what they use.
+    """Create the node of every vehicle; `stack` closes its resources.
 
     Args:
-        scenario: start values and what the road does.
+        scenario: start values and road.
         fmu: the vehicle's FMU file.
         links: opens the link to a bus, by its name.
         codecs: codec of every bus.
@@ -57,7 +57,7 @@ def make_nodes(
 
 
 def serve_plant(channel: ControlChannel, scenario: Scenario, fmu: Path, address: Address) -> None:
-    """Run the plant in this process until the conductor stops it or is gone.
+    """Run the plant in this process until the conductor stops it or has ended.
 
     Raises:
         BadInput: see `make_nodes`.
@@ -68,6 +68,6 @@ def serve_plant(channel: ControlChannel, scenario: Scenario, fmu: Path, address:
         plan = FaultPlan(scenario.faults, scenario.seed, channel.fault_board())
         codecs = load_codecs(vehicles)
         nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), codecs, channel.truth, stack, plan)
-        # It publishes without waiting for any input of the cycle, so nobody can keep it waiting.
+        # It publishes without waiting for any input of the cycle, so nothing can delay it.
         channel.ready(PLANT, ())
         serve(nodes, channel.lifeline)

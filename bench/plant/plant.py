@@ -1,7 +1,7 @@
 """A vehicle on its bus: sensor frames out, actuator commands in, the FMU in between.
 
 In cycle k it publishes the state at t_k as soon as BenchSync k opens the cycle, waits for the cycle's three command
-messages, applies them and goes on to t_k + 10 ms.
+messages, applies them and advances to t_k + 10 ms.
 """
 
 import math
@@ -34,16 +34,16 @@ from bench.scenario import Road, Vehicle
 from platoon_fmu.parameters import VehicleParameters
 
 MOST_HELD_CYCLES = 255
-"""What the DBC's HeldCycles can carry."""
+"""Largest value of the DBC's HeldCycles."""
 
 COLLECT_S = 0.008
-"""In real time, when the plant looks for the commands of a cycle, after its BenchSync: late enough that most are there,
+"""In real time, when after its BenchSync the plant reads the commands of a cycle: late enough for most to arrive,
 and early enough for a step before the next BenchSync."""
 
 TruthSink = Callable[[int, int, Sequence[float]], None]
 """Takes vehicle, cycle and truth row: all outputs, then all inputs of the FMU in its description's order.
 
-The outputs are those at the cycle's time; the inputs are those that acted up to then, as the outputs follow from them.
+The outputs are those at the cycle's time; the inputs are those applied until then, from which the outputs follow.
 """
 
 
@@ -61,7 +61,7 @@ class VehicleNode:
         truth: TruthSink,
         plan: FaultPlan,
     ) -> None:
-        """Put vehicle number `vehicle` on its bus `link`."""
+        """Connect vehicle number `vehicle` to its bus `link`."""
         bus = vehicle_bus(vehicle)
         self.name = f"{bus}.plant"
         self._vehicle = vehicle
@@ -89,12 +89,12 @@ class VehicleNode:
 
     @property
     def wake_at(self) -> float | None:
-        """None: the plant goes by BenchSync alone."""
+        """None: the plant reacts to BenchSync only."""
         return None
 
     @property
     def rest_until(self) -> float:
-        """In real time: there is nothing to do but just before and at BenchSync."""
+        """In real time: there is only work just before and at BenchSync."""
         inbox = self._inbox
         if not inbox.realtime:
             return 0.0
@@ -102,13 +102,13 @@ class VehicleNode:
 
     @property
     def stopped(self) -> bool:
-        """Whether the conductor has told this vehicle to stop."""
+        """Whether the conductor has stopped this vehicle."""
         return self._inbox.stopped
 
     def poll(self) -> bool:
-        """Take in what has arrived; publish if that opens a cycle, step if it completes one; whether there was any.
+        """Take the arrived frames; publish if they open a cycle, step if they complete one; whether there were any.
 
-        In real time a cycle ends when the next one begins, with the commands that have come by then.
+        In real time a cycle ends when the next one begins, with the commands received by then.
 
         Raises:
             RunFailed: the FMU failed.
@@ -171,7 +171,7 @@ class VehicleNode:
         self._step_us = (time.perf_counter() - started) * 1e6
 
     def _acting(self, time_s: float) -> dict[str, float]:
-        """The FMU's inputs by name: what the actuators apply and what the road does at `time_s`."""
+        """The FMU's inputs by name: from the actuators, and from the road at `time_s`."""
         applied, road = self._applied, self._road
         return {
             "steering_angle": applied.steering_angle,
@@ -193,7 +193,7 @@ class VehicleNode:
 
 
 def start_values(vehicle: Vehicle) -> dict[str, float]:
-    """The FMU's start parameters for a vehicle of the scenario: it rolls straight ahead."""
+    """The FMU's start parameters for a vehicle of the scenario, rolling straight ahead."""
     return {
         "X_start": vehicle.x_m,
         "Y_start": vehicle.y_m,

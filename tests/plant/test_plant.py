@@ -238,5 +238,5 @@ def test_what_is_no_fmu_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.fmu"
     with zipfile.ZipFile(other, "w") as archive:
         archive.writestr("modelDescription.xml", '<fmiModelDescription fmiVersion="3.0"/>')
-    with pytest.raises(BadInput, match=r"no FMI 2\.0 FMU for co-simulation"):
+    with pytest.raises(BadInput, match=r"not an FMI 2\.0 FMU for co-simulation"):
         read_description(other)

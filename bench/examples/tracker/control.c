@@ -1,6 +1,6 @@
 /* See control.h. The steering angle of steady cornering with the linear single-track model, delta = (L / v_x + K v_x)
- * times the yaw rate (ISO 8855, understeer gradient K), and a proportional law for what is left; torques in proportion
- * to the speed error. */
+ * times the yaw rate (ISO 8855, understeer gradient K), plus proportional feedback; torques in proportion to the speed
+ * error. */
 #include "control.h"
 
 #define WHEELBASE 3.0               /* L (m) */

@@ -14,8 +14,8 @@
 
 enum e2e_status { E2E_OK, E2E_REPEATED, E2E_WRONG_SEQUENCE, E2E_ERROR };
 
-/* What a receiver knows of one message. `counter` is that of the newest frame, -1 before the first; `allowed` is how far
- * it may be on in the next one. */
+/* A receiver's state of one message. `counter` is that of the newest frame, -1 before the first; `allowed` is the largest
+ * increment of the next one. */
 struct e2e_receiver {
     uint16_t data_id;
     int counter;
@@ -27,10 +27,10 @@ void e2e_receiver_init(struct e2e_receiver *receiver, uint16_t data_id);
 /* Writes counter (modulo 15) and CRC into a message of at least 2 bytes. */
 void e2e_protect(uint8_t *data, size_t length, uint16_t data_id, unsigned counter);
 
-/* Tells what a frame is; only what is E2E_OK may be used. */
+/* Checks a frame; only frames that are E2E_OK may be used. */
 enum e2e_status e2e_check(struct e2e_receiver *receiver, const uint8_t *data, size_t length);
 
-/* To be called for every cycle that brought no good frame, so that the next one is not out of sequence. */
+/* Call this for every cycle without a valid frame, so that the next one is not out of sequence. */
 void e2e_missed(struct e2e_receiver *receiver);
 
 #endif

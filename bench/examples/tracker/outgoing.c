@@ -98,7 +98,7 @@ static void send_bus_health(struct outgoing out, struct health health) {
     send_frame(out, VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID, data, VEHICLE_TRACKER_BUS_HEALTH_LENGTH);
 }
 
-/* In virtual time the others wait for every frame that is due, so what there is nothing to say about has start values. */
+/* In virtual time the others wait for every frame that is due, so diagnostics without content have start values. */
 void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health) {
     static const struct {
         uint32_t id;

@@ -1,4 +1,4 @@
-/* What the tracker sends: its commands and its diagnostics, by the DBC. */
+/* The tracker's output: its commands and its diagnostics, as in the DBC. */
 #ifndef OUTGOING_H
 #define OUTGOING_H
 
@@ -12,7 +12,7 @@
 enum ecu_state { STATE_INIT = 0, STATE_RUN = 1, STATE_DEGRADED = 2, STATE_SAFE = 3, STATE_WAIT = 4 };
 enum worth { WORTH_NONE = 0, WORTH_VALID = 1, WORTH_DEGRADED = 2 };
 
-/* The DBC's value table of how an input is received. */
+/* The DBC's value table of an input's reception state. */
 enum reception {
     RECEPTION_INIT = 0,
     RECEPTION_OK = 1,
@@ -23,25 +23,25 @@ enum reception {
     RECEPTION_LOST = 6,
 };
 
-/* What TrackerBusHealth tells of the receiver. */
+/* The receiver's state in TrackerBusHealth. */
 struct health {
-    unsigned errors; /* frames refused so far */
+    unsigned errors; /* frames discarded so far */
     enum reception motion, reference;
 };
 
-/* Where to send, and the cycle whose number the alive counters carry. */
+/* The socket, and the cycle whose number the alive counters contain. */
 struct outgoing {
     int socket;
     uint32_t cycle;
 };
 
-/* Says on standard error what went wrong (errno), and ends with exit code 1. */
+/* Prints the error (errno) to standard error and exits with code 1. */
 _Noreturn void fail(const char *what);
 
-/* The E2E data id of a message; 0 where it is not protected. */
+/* The E2E data id of a message; 0 if it is not protected. */
 uint16_t data_id_of(uint32_t id);
 
-/* The time without a good frame (ms) after which a protected message is lost. */
+/* The time without a valid frame (ms) after which a protected message is lost. */
 unsigned timeout_of(uint32_t id);
 
 /* The three commands, with E2E protection. */

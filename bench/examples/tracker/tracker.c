@@ -1,15 +1,15 @@
-/* A tracker of one's own in C, on SocketCAN: tracker vcan1 drives vehicle 1.
+/* A custom tracker in C, on SocketCAN: tracker vcan1 drives vehicle 1.
  *
  * platoon run --can vcan --without veh1.tracker
  *
- * What a participant owes the bench, all of it in dbc/vehicle.dbc:
- * - Until its first BenchSync it sends its status with State Wait every 100 ms: so the bench knows that it is there.
- * - BenchSync opens a cycle. In virtual time (Run) it waits for all its inputs of that cycle, told by their alive
- *   counter, which is the cycle modulo 15; on the wall clock (RunRealtime) no longer than INPUT_WAIT_MS.
- * - BenchAbsent tells, in virtual time, that a frame of this cycle will not come. If that frame is one of its own, the
- *   others have gone on without it, and it leaves the cycle out.
- * - It answers with its three commands, whose counter is the cycle modulo 15, and with those diagnostics that are due.
- * - It ends when BenchSync says Stop.
+ * What a participant must do, all of it in dbc/vehicle.dbc:
+ * - Until its first BenchSync it sends its status with State Wait every 100 ms, so that the bench detects it.
+ * - BenchSync opens a cycle. In virtual time (Run) it waits for all its inputs of that cycle, identified by
+ *   their alive counter, which is the cycle modulo 15; in real time (RunRealtime) for at most INPUT_WAIT_MS.
+ * - BenchAbsent announces, in virtual time, a frame that will not arrive in this cycle. If it is one of the tracker's, the
+ *   others have continued without it, and it skips the cycle.
+ * - It answers with its three commands, whose counter is the cycle modulo 15, and with the diagnostics that are due.
+ * - It ends on BenchSync with Stop.
  */
 #include <errno.h>
 #include <linux/can.h>
@@ -38,16 +38,16 @@
 enum sync_command { SYNC_STOP = 0, SYNC_RUN = 1, SYNC_RUN_REALTIME = 2 };
 enum { MOTION, REFERENCE, INPUTS };
 
-/* A message that is taken, and what of it has come for the cycle. */
+/* A received message, and its state in this cycle. */
 struct input {
     uint32_t id;
     uint8_t length;
     struct e2e_receiver receiver;
-    bool fresh;      /* a good frame waits for its step */
-    bool settled;    /* nothing more will come in this cycle */
-    unsigned age_ms; /* since the last good frame */
+    bool fresh;      /* a valid frame waits for its step */
+    bool settled;    /* no more frames are due in this cycle */
+    unsigned age_ms; /* since the last valid frame */
     unsigned timeout_ms;
-    enum reception refused; /* why the newest frame was refused since the last step; RECEPTION_OK where none was */
+    enum reception refused; /* why the newest frame since the last step was discarded; RECEPTION_OK if none was */
     enum reception reception;
     uint8_t data[CAN_MAX_DLEN];
 };
@@ -56,16 +56,16 @@ struct tracker {
     int socket;
     struct input inputs[INPUTS];
     struct e2e_receiver sync, absent;
-    bool heard; /* a BenchSync has come */
+    bool heard; /* a BenchSync has arrived */
     bool open;  /* the cycle waits for its step */
     bool realtime;
     uint32_t cycle;
     int64_t opened_ms;
     bool has_reference;
     struct motion reference;
-    unsigned held_ms;        /* since the last reference to be used */
-    unsigned errors;         /* frames refused */
-    unsigned errors_at_sync; /* the same at the newest BenchSync: what this cycle reports */
+    unsigned held_ms;        /* since the last used reference */
+    unsigned errors;         /* frames discarded */
+    unsigned errors_at_sync; /* the same at the newest BenchSync, reported in this cycle */
 };
 
 static int64_t now_ms(void) {
@@ -76,7 +76,7 @@ static int64_t now_ms(void) {
 
 /* --- one cycle --- */
 
-/* Takes in the reference; the state that follows from it. */
+/* Takes the reference; returns its resulting state. */
 static enum ecu_state take_reference(struct tracker *tracker) {
     const struct input *input = &tracker->inputs[REFERENCE];
     if (input->fresh) {
@@ -93,12 +93,12 @@ static enum ecu_state take_reference(struct tracker *tracker) {
     if (!tracker->has_reference) {
         return STATE_INIT;
     }
-    /* Missing, or with state None: the last one counts as long as the DBC's timeout. */
+    /* Missing, or with state None: the last one is used until the DBC's timeout. */
     tracker->held_ms += CYCLE_MS;
     return tracker->held_ms >= input->timeout_ms ? STATE_SAFE : STATE_DEGRADED;
 }
 
-/* Brings up to this cycle how each input is received. */
+/* Updates the reception state of each input. */
 static void age_inputs(struct tracker *tracker) {
     for (int i = 0; i < INPUTS; i++) {
         struct input *input = &tracker->inputs[i];
@@ -127,7 +127,7 @@ static void end_cycle(struct tracker *tracker) {
     tracker->open = false;
 }
 
-/* Leaves a cycle out that the others have gone through without this ECU. */
+/* Skips a cycle that the others have completed without this ECU. */
 static void skip_cycle(struct tracker *tracker) {
     age_inputs(tracker);
     end_cycle(tracker);
@@ -139,7 +139,7 @@ static void step(struct tracker *tracker) {
     struct command command = {0};
     enum worth worth = WORTH_NONE;
     if (!tracker->inputs[MOTION].fresh && state != STATE_INIT) {
-        /* Without the own motion there is no command: the actuators hold, then go to their safe state. */
+        /* Without the vehicle's motion there is no command: the actuators hold, then go to their safe state. */
         state = STATE_SAFE;
     }
     if (state == STATE_RUN || state == STATE_DEGRADED) {
@@ -165,7 +165,7 @@ static void step(struct tracker *tracker) {
 
 /* --- receiving --- */
 
-/* Takes a BenchSync; whether it says Stop. */
+/* Takes a BenchSync; whether it is Stop. */
 static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
     size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
     enum e2e_status status = e2e_check(&tracker->sync, frame->data, length);
@@ -179,7 +179,7 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
         return true;
     }
     if (tracker->open) {
-        /* Only on the wall clock, or where the others went on without this ECU: what it waited for is past. */
+        /* Only in real time, or if the others have continued without this ECU: the awaited cycle is over. */
         skip_cycle(tracker);
     }
     tracker->heard = tracker->open = true;
@@ -214,7 +214,7 @@ static void take_input(struct tracker *tracker, struct input *input, const struc
     enum e2e_status status = e2e_check(&input->receiver, frame->data, length);
     bool of_this_cycle = tracker->open && input->receiver.counter == (int)(tracker->cycle % E2E_COUNTER_MODULUS);
     if (status == E2E_OK && !of_this_cycle) {
-        /* Late by whole cycles is as bad as out of sequence. */
+        /* Late by whole cycles counts as out of sequence. */
         status = E2E_WRONG_SEQUENCE;
     }
     if (status != E2E_OK) {
@@ -242,7 +242,7 @@ static bool is_complete(const struct tracker *tracker) {
     return true;
 }
 
-/* Takes one frame; whether the bench has stopped. */
+/* Takes one frame; returns whether the bench has stopped. */
 static bool take(struct tracker *tracker, const struct can_frame *frame) {
     if (frame->can_id == VEHICLE_BENCH_SYNC_FRAME_ID) {
         return take_sync(tracker, frame);
@@ -258,7 +258,7 @@ static bool take(struct tracker *tracker, const struct can_frame *frame) {
     return false;
 }
 
-/* Takes all frames that have come, before any step: what was waited for may be past. Whether the bench has stopped. */
+/* Takes all arrived frames before any step, since the awaited cycle may be over. Returns whether the bench has stopped. */
 static bool take_all(struct tracker *tracker) {
     struct can_frame frame;
     ssize_t got;
@@ -284,7 +284,7 @@ static int wait_ms(const struct tracker *tracker) {
     return left > 0 ? (int)left : 0;
 }
 
-/* Serves until the bench stops; the exit code. */
+/* Runs until the bench stops; returns the exit code. */
 static int serve(struct tracker *tracker) {
     struct pollfd waiting = {.fd = tracker->socket, .events = POLLIN};
     int64_t next_sign_ms = 0;
@@ -324,7 +324,7 @@ static int open_link(const char *link) {
     }
     struct sockaddr_can address = {.can_family = AF_CAN, .can_ifindex = (int)if_nametoindex(link)};
     if (address.can_ifindex == 0) {
-        fprintf(stderr, "tracker: there is no CAN link %s; `ip link show` lists those that are\n", link);
+        fprintf(stderr, "tracker: there is no CAN link %s; `ip link show` lists the existing ones\n", link);
         exit(1);
     }
     const struct can_filter wanted[] = {
