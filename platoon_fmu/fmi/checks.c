@@ -1,5 +1,5 @@
-/* What every function of the core checks first: whether the call is allowed now and its arguments are there; and the log
- * of what is refused. */
+/* Checks at the start of every function of the core: whether the call is allowed now and its arguments are present; and
+ * the log of refused calls. */
 #include "internal.h"
 
 #include <stdarg.h>
@@ -51,7 +51,7 @@ bool core_has_places(const Instance *instance, const Rule *rule, size_t n, const
 
     if (!core_allows(instance, rule)) return false;
     for (i = 0; i < n; i++) {
-        if (!places[i]) return core_refuse(instance, rule, "a place for a result is missing.");
+        if (!places[i]) return core_refuse(instance, rule, "a pointer for a result is missing.");
     }
     return true;
 }

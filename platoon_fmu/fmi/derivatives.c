@@ -5,7 +5,7 @@
 
 bool core_is_unknown(const Instance *instance, unsigned int reference) { return reference < core_n_unknowns(instance->model); }
 
-/* The Jacobian that holds now, with instance->jacobian evaluated. */
+/* The current phase's Jacobian, with instance->jacobian evaluated. */
 static const Jacobian *evaluated_jacobian(Instance *instance) {
     const bool beginning = instance->status.phase == INITIALIZATION;
     const Jacobian *jacobian = beginning ? &instance->model->beginning : &instance->model->running;
@@ -17,7 +17,7 @@ static const Jacobian *evaluated_jacobian(Instance *instance) {
     return jacobian;
 }
 
-/* The column of a known in the Jacobian that holds now, or -1. */
+/* The column of a known in the current phase's Jacobian, or -1. */
 static int column_of(const Instance *instance, size_t reference) {
     const Model *model = instance->model;
     const size_t first_input = core_n_unknowns(model);
@@ -61,12 +61,12 @@ bool core_differentiate(Instance *instance, const Rule *rule, bool adjoint, cons
     beginning = instance->status.phase == INITIALIZATION;
     for (i = 0; i < n_unknown; i++) {
         if (core_is_unknown(instance, unknowns[i])) continue;
-        return core_refuse(instance, rule, "value reference %u is no unknown (a state, a derivative or an output).",
+        return core_refuse(instance, rule, "value reference %u is not an unknown (a state, a derivative or an output).",
                            unknowns[i]);
     }
     for (i = 0; i < n_known; i++) {
         if (column_of(instance, knowns[i]) >= 0) continue;
-        return core_refuse(instance, rule, "value reference %u is no known now (%s).", knowns[i],
+        return core_refuse(instance, rule, "value reference %u is not a known now (%s).", knowns[i],
                            beginning ? "an input or a parameter" : "a state or an input");
     }
     jacobian = evaluated_jacobian(instance);
@@ -102,7 +102,7 @@ bool core_time_derivatives(Instance *instance, const Rule *rule, const unsigned 
     for (i = 0; i < n; i++) {
         if (orders[i] != 1) return core_refuse(instance, rule, "the order must be 1, not %d.", orders[i]);
         if (!core_is_unknown(instance, unknowns[i])) {
-            return core_refuse(instance, rule, "value reference %u is no output.", unknowns[i]);
+            return core_refuse(instance, rule, "value reference %u is not an output.", unknowns[i]);
         }
     }
     memset(instance->seed, 0, (model->n_states + model->n_inputs) * sizeof(double));

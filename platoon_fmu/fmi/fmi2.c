@@ -64,7 +64,7 @@ static void to_importer(const Instance *instance, LogCategory category, const ch
     if (!callbacks->logger) return;
     strncpy(plain, text, sizeof plain - 1);
     plain[sizeof plain - 1] = '\0';
-    /* The logger may take the message for a printf format or, as loggers that are no C, for the text. */
+    /* The logger may treat the message as a printf format or, if not written in C, as plain text. */
     while ((percent = strchr(plain, '%')) != NULL) *percent = '?';
     callbacks->logger(callbacks->componentEnvironment, instance->name, category == LOG_ERRORS ? fmi2Error : fmi2OK,
                       core_category_name(category), plain);
@@ -78,7 +78,7 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type fmuType, fmi2Str
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean loggingOn) {
     fmi2CallbackFunctions *callbacks;
     Instance *instance;
-    /* What prevents an instance is said even where logging is off. */
+    /* The reason for a failed instantiation is logged even if logging is off. */
     Instance nobody = {.name = "(none)", .sink = to_importer, .logged = LOG_ERRORS};
 
     (void)fmuResourceLocation;
@@ -174,7 +174,7 @@ fmi2Status fmi2SetInteger(fmi2Component c, const fmi2ValueReference vr[], size_t
     return fmi2OK;
 }
 
-/* One accessor of a type that no variable has. */
+/* An accessor for a type without variables. */
 #define NO_SUCH_TYPE(Function, RULE_OF_IT, Argument)                                                    \
     fmi2Status Function(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, Argument value[]) { \
         (void)vr;                                                                                       \
@@ -300,7 +300,7 @@ fmi2Status fmi2CancelStep(fmi2Component c) {
     return fmi2Error;
 }
 
-/* Steps are never asynchronous: the only status there is to ask for is the time reached. */
+/* Steps are never asynchronous: the only available status is the time reached. */
 static fmi2Status no_such_status(fmi2Component c) { return core_allows(c, &GET_STATUS) ? fmi2Discard : fmi2Error; }
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind s, fmi2Status *value) {

@@ -6,7 +6,7 @@
 #include "core.h"
 #include "fmi3Functions.h"
 
-/* What the importer has given an instance. */
+/* The importer's data of an instance. */
 typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log;
@@ -103,7 +103,7 @@ static Instance *instantiate(const Rule *rule, Kind kind, fmi3String name, fmi3S
         return NULL;
     }
     *host = *given;
-    /* Errors are logged whether logging is on or not (FMI 3.0.2, section 2.2.4). */
+    /* Errors are logged even if logging is off (FMI 3.0.2, section 2.2.4). */
     instance->logged = LOG_ERRORS;
     return instance;
 }
@@ -156,7 +156,7 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String instanceName, fmi3String ins
         }
         if (i == nRequiredIntermediateVariables) return instance;
     }
-    /* Not by the standard's function: another library's of that name might be called. */
+    /* Not by the standard's function: the linker might choose another library's. */
     release(instance);
     return NULL;
 }
@@ -247,7 +247,7 @@ fmi3Status fmi3SetInt64(fmi3Instance i, const fmi3ValueReference valueReferences
     return fmi3OK;
 }
 
-/* A get and a set of a type that no variable has. */
+/* Getter and setter for a type without variables. */
 #define NO_SUCH_TYPE(Type)                                                                                        \
     fmi3Status fmi3Get##Type(fmi3Instance i, const fmi3ValueReference valueReferences[], size_t nValueReferences, \
                              fmi3##Type values[], size_t nValues) {                                               \
@@ -436,7 +436,7 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance i, const fmi3ValueReference val
                      core_time_derivatives(i, &GET_OUTPUT_DERIVATIVES, valueReferences, nValues, orders, values));
 }
 
-/* Lets the importer look at the instance after a step of the solver, and ask for an early return. */
+/* Lets the importer read the instance after a step of the solver and request an early return. */
 static double intermediate_update(Instance *instance, double end) {
     const Host *host = instance->host;
     const bool can_return = host->early_return_allowed && instance->status.time < end;
@@ -470,7 +470,7 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 currentCommunicationPoint, fmi
     return fmi3OK;
 }
 
-/* ---- what this FMU has not (see its capability flags): clocks, event mode in Co-Simulation, structural parameters ---- */
+/* ---- not supported by this FMU (see its capability flags): clocks, event mode in Co-Simulation, structural parameters ---- */
 
 static fmi3Status not_provided(fmi3Instance i, const Rule *rule) {
     if (i) core_refuse(i, rule, "not provided by this FMU (see its capability flags).");

@@ -1,5 +1,4 @@
-/* An instance's life: made, started, taken through its phases, freed; and what follows from its values, evaluated when
- * asked for. */
+/* An instance's life cycle: creation, start, phases, release; and the lazy evaluation of what follows from its values. */
 #include "internal.h"
 
 #include <math.h>
@@ -134,7 +133,7 @@ bool core_enter(Instance *instance, const Rule *rule, Phase exchange, Phase simu
     if (!core_allows(instance, rule)) return false;
     if (instance->status.phase == INITIALIZATION) {
         core_states(instance);
-        /* From here on it is another Jacobian. */
+        /* From here on another Jacobian applies. */
         instance->jacobian_current = false;
     }
     instance->status.phase = instance->kind == MODEL_EXCHANGE ? exchange : simulation;

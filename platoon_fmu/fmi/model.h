@@ -1,8 +1,8 @@
-/* The one interface between a generated model and the FMI core: a table of figures and functions.
+/* The interface between a generated model and the FMI core: a table of values and functions.
  *
  * A model is a smooth, autonomous ODE: dx/dt = f(x, u, p), y = g(x, u, p), x(0) = x0(p). Its variables are reals whose
- * value references count through states x, their derivatives, outputs y that are no states, inputs u and parameters p;
- * of the parameters, the first n_tunable may be changed while simulating, the rest only before.
+ * value references number states x, their derivatives, outputs y that are not states, inputs u and parameters p; the first
+ * n_tunable parameters may be changed during the simulation, the others only before.
  * codegen.py writes the only definition of `platoon_model`.
  */
 #ifndef PLATOON_MODEL_H
@@ -12,12 +12,12 @@
 
 /* A sparse Jacobian, column by column. Its rows are the unknowns: states, derivatives and outputs. */
 typedef struct {
-    const int *starts; /* of each column, and the end of the last: where its nonzeros begin */
+    const int *starts; /* index of each column's first nonzero, and the end of the last column */
     const int *rows;   /* of each nonzero */
     void (*evaluate)(const double *x, const double *u, const double *p, double *nonzeros);
 } Jacobian;
 
-/* A figure for each setting of the core's solvers, by the name of its variable. */
+/* A value for each setting of the core's solvers, by the name of its variable. */
 typedef struct {
     double solver_step; /* [s] */
     double solver_tolerance;
@@ -36,9 +36,9 @@ typedef struct {
     void (*initial)(const double *p, double *x);
     void (*derivatives)(const double *x, const double *u, const double *p, double *dx);
     void (*outputs)(const double *x, const double *u, const double *p, double *y);
-    void (*fastest)(const double *p, double *rate); /* the fastest decay there can be [1/s] */
+    void (*fastest)(const double *p, double *rate); /* upper bound of the decay rates [1/s] */
     Jacobian running;                               /* columns: states and inputs */
-    Jacobian beginning;                             /* columns: inputs and parameters, which the states at the start follow */
+    Jacobian beginning;                             /* columns: inputs and parameters, which determine the initial states */
 } Model;
 
 extern const Model platoon_model;

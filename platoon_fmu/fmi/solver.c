@@ -6,7 +6,7 @@
 double solver_fixed_step(const Model *model, const SolverSettings *settings, double remaining, double *x, const double *dx,
                          const double *u, const double *p, double *work) {
     const size_t n = model->n_states;
-    /* The slack keeps 0.01 s at ten steps of 1 ms, whichever way 0.01/0.001 rounds. */
+    /* The slack makes 0.01 s ten steps of 1 ms, whichever way 0.01/0.001 rounds. */
     const double steps = fmax(1.0, ceil(remaining / settings->step * (1 - 1e-12)));
     const double dt = remaining / steps;
     double *k2 = work, *k3 = k2 + n, *k4 = k3 + n, *at = k4 + n;
@@ -25,7 +25,7 @@ double solver_fixed_step(const Model *model, const SolverSettings *settings, dou
 #define STAGES 7
 #define SHORTEST 1e-9 /* [s] */
 
-/* Butcher's table of the pair: the last row is the solution of order 5 too, so that its stage is the next first one. */
+/* Butcher's table of the pair: the last row is also the solution of order 5, so its stage is the first of the next step. */
 static const double STAGE[STAGES][STAGES - 1] = {
     {0},
     {1.0 / 5},
@@ -38,7 +38,7 @@ static const double STAGE[STAGES][STAGES - 1] = {
 /* Order 5 less order 4. */
 static const double ERROR[STAGES] = {71.0 / 57600, 0, -71.0 / 16695, 71.0 / 1920, -17253.0 / 339200, 22.0 / 525, -1.0 / 40};
 
-/* The error estimate over what is allowed; below 1 the step is good. */
+/* The error estimate relative to the tolerance; up to 1 the step is accepted. */
 static double relative_error(const Model *model, const SolverSettings *settings, double dt, const double *x,
                              const double *x_new, const double *const *k) {
     const size_t n = model->n_states;
@@ -78,13 +78,13 @@ double solver_adaptive_step(const Model *model, const SolverSettings *settings, 
             model->derivatives(at, u, p, work + (s - 1) * n);
         }
         error = relative_error(model, settings, dt, x, at, k);
-        /* The fourth root where the fifth would do: every processor rounds a square root alike, but no other one. An error
-         * that is no number asks for a much shorter step. */
+        /* The fourth root instead of the fifth: only square roots round alike on every processor. An error that is NaN
+         * requires a much shorter step. */
         factor = error >= 0 ? fmin(5.0, fmax(0.2, 0.9 / sqrt(sqrt(error)))) : 0.1;
         if (error <= 1) {
             memcpy(x, at, n * sizeof *x);
             memcpy(dx, k[STAGES - 1], n * sizeof *dx);
-            /* A step cut short by the communication point says little against the longer one proposed before. */
+            /* A step shortened by the communication point is no reason against the longer one proposed before. */
             *proposal = is_last ? fmax(*proposal, dt * factor) : dt * factor;
             return dt;
         }

@@ -47,8 +47,8 @@ bool core_restore(Instance *instance, const Rule *rule, const State *state) {
     return true;
 }
 
-/* Layout: token, then eight bytes each, little end first: the fields named here, the values x, u and p, and a checksum of
- * all before it. */
+/* Layout: token, then eight little-endian bytes each: the fields named here, the values x, u and p, and a checksum of all
+ * preceding bytes. */
 enum { OF_KIND, OF_PHASE, OF_METHOD, OF_STEP, OF_TOLERANCE, OF_TIME, OF_STOP, OF_EXPERIMENT, OF_PROPOSAL, N_HEADER };
 
 #define N_CHECKSUMS 1
@@ -139,7 +139,7 @@ bool core_serialize(const Instance *instance, const Rule *rule, const State *sta
     size_t token_size, n, i;
 
     if (!core_allows(instance, rule)) return false;
-    if (!state || !bytes) return core_refuse(instance, rule, "the state or the place for its bytes is missing.");
+    if (!state || !bytes) return core_refuse(instance, rule, "the state or the buffer for its bytes is missing.");
     if (size < serialized_size(instance->model)) {
         return core_refuse(instance, rule, "the state needs %lu bytes, not %lu.",
                            (unsigned long)serialized_size(instance->model), (unsigned long)size);
@@ -166,7 +166,7 @@ bool core_deserialize(const Instance *instance, const Rule *rule, const unsigned
     token_size = strlen(instance->model->token);
     n = core_n_values(instance->model);
     if (size != serialized_size(instance->model) || memcmp(bytes, instance->model->token, token_size) != 0) {
-        return core_refuse(instance, rule, "the bytes are no state of this FMU.");
+        return core_refuse(instance, rule, "the bytes are not a state of this FMU.");
     }
     next = bytes + size - sizeof(uint64_t);
     if (take(&next) != checksum(bytes, size - sizeof(uint64_t))) return core_refuse(instance, rule, "the bytes were changed.");

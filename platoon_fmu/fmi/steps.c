@@ -3,25 +3,25 @@
 
 #include <math.h>
 
-/* Times that differ by less than this, relative to one second or to the time, are the same time to a master that sums
- * up its steps in its own way; but never by half a step. */
+/* Times that differ by less than this, relative to one second or to the time, are equal, since importers sum their steps
+ * differently; but never times that differ by half a step. */
 #define TIME_TOLERANCE 1e-9
-/* What an importer may ask of the adaptive solver; below this rounding is all there is. */
+/* Smallest tolerance of the adaptive solver; below it, rounding dominates. */
 #define LEAST_TOLERANCE 1e-13
 
-/* The solver's settings for a step: those of the parameters, within what the model and the experiment ask for. */
+/* The solver's settings for a step: those of the parameters, limited by the model and the experiment. */
 static SolverSettings settings_of_step(const Instance *instance) {
     SolverSettings settings = instance->status.solver;
     double rate;
 
-    /* Beyond this the fixed-step method is unstable where the model is fastest, and nothing else would show it. */
+    /* A longer fixed step would be unstable at the fastest decay, without any other sign of it. */
     instance->model->fastest(instance->p, &rate);
     settings.step = fmin(settings.step, SOLVER_STABLE / rate);
     settings.tolerance = fmax(fmin(settings.tolerance, instance->status.experiment_tolerance), LEAST_TOLERANCE);
     return settings;
 }
 
-/* One step of the solver; its length, or 0 where it could do none. */
+/* One step of the solver; returns its length, or 0 if it failed. */
 static double advance(Instance *instance, const SolverSettings *settings, double remaining) {
     double length;
 
@@ -34,7 +34,7 @@ static double advance(Instance *instance, const SolverSettings *settings, double
                                       instance->dx, instance->u, instance->p, instance->work);
     }
     core_outdate(instance);
-    /* The adaptive method has left the derivatives at the new states. */
+    /* The adaptive method has written the derivatives at the new states. */
     instance->dx_current = settings->method == DORMAND_PRINCE_5;
     return length;
 }
@@ -51,7 +51,7 @@ static bool is_after(double time, double other, double h) {
 }
 
 bool core_step(Instance *instance, const Rule *rule, double time, double h, AfterStep after_step) {
-    /* What is done and what is to be done count from the beginning of the step: the same at any time. */
+    /* Elapsed and remaining time are relative to the start of the step, so that rounding does not depend on the time. */
     double done = 0, wanted = h, end = time + h;
     SolverSettings settings;
     Status *status;
@@ -61,7 +61,7 @@ bool core_step(Instance *instance, const Rule *rule, double time, double h, Afte
     if (!(h > 0) || !isfinite(h)) {
         return core_refuse(instance, rule, "the step size must be greater than 0 s and finite, not %g s.", h);
     }
-    if (end == time) return core_refuse(instance, rule, "the step size %g s vanishes beside the time %g s.", h, time);
+    if (end == time) return core_refuse(instance, rule, "the step size %g s vanishes in rounding at the time %g s.", h, time);
     if (!isfinite(time) || is_after(time, status->time, h) || is_after(status->time, time, h)) {
         return core_refuse(instance, rule, "a step must start at %.17g s, where the last one ended, not at %.17g s.",
                            status->time, time);

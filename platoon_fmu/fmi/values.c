@@ -8,7 +8,7 @@ enum { TIME, SOLVER_STEP, SOLVER_TOLERANCE, SOLVER, N_OF_CORE };
 
 static size_t first_own(const Model *model) { return core_n_unknowns(model) + model->n_inputs + model->n_parameters; }
 
-/* The value a reference stands for, or NULL for none. */
+/* The value of a reference, or NULL if there is none. */
 static const double *value_of(Instance *instance, size_t reference) {
     const Model *model = instance->model;
 
@@ -18,7 +18,7 @@ static const double *value_of(Instance *instance, size_t reference) {
     reference -= model->n_states;
     if (reference < model->n_outputs) return core_outputs(instance) + reference;
     reference -= model->n_outputs;
-    /* Inputs and parameters lie one behind the other. */
+    /* Inputs and parameters are contiguous. */
     if (reference < model->n_inputs + model->n_parameters) return instance->u + reference;
     switch (reference - model->n_inputs - model->n_parameters) {
         case TIME: return &instance->status.time;
@@ -28,7 +28,7 @@ static const double *value_of(Instance *instance, size_t reference) {
     }
 }
 
-/* Refuses a reference that stands for no variable of the type. */
+/* Refuses a reference that is not a variable of the type. */
 static bool no_such(const Instance *instance, const Rule *rule, const char *type, unsigned int reference) {
     if (reference >= first_own(instance->model) + N_OF_CORE) {
         return core_refuse(instance, rule, "no variable has the value reference %u.", reference);
@@ -62,7 +62,7 @@ static bool in_range(const Instance *instance, const Rule *rule, unsigned int re
                        maximum);
 }
 
-/* The same for a parameter of the model. Inputs may leave their limits, as an importer's solver may try such values. */
+/* The same for a parameter of the model. Inputs may exceed their limits, because an importer's solver may try such values. */
 static bool parameter_in_range(const Instance *instance, const Rule *rule, unsigned int reference, double value) {
     const size_t i = reference - core_n_unknowns(instance->model) - instance->model->n_inputs;
 
@@ -70,7 +70,7 @@ static bool parameter_in_range(const Instance *instance, const Rule *rule, unsig
                     instance->model->parameters_maximum[i]);
 }
 
-/* Where a real variable's value is set, or NULL where it cannot be set to this, which is logged. */
+/* The location of a real variable's value, or NULL (logged) if it cannot be set to this value. */
 static double *settable(Instance *instance, const Rule *rule, unsigned int reference, double value) {
     const Model *model = instance->model;
     const Settings *least = &model->settings_minimum, *most = &model->settings_maximum;

@@ -291,15 +291,15 @@ COMMON = {
     "get no references": "an array is missing",
     "get no values": "an array is missing",
     "get no integer": "an array is missing",
-    "differentiate an input": "is no unknown",
-    "differentiate over a parameter": "is no known now",
+    "differentiate an input": "is not an unknown",
+    "differentiate over a parameter": "is not a known now",
     "differentiate without a seed": "an array is missing",
     "differentiate into nothing": "an array is missing",
-    "save nowhere": "a place for a result is missing",
+    "save nowhere": "a pointer for a result is missing",
     "restore nothing": "the state is missing",
     "serialize nothing": "is missing",
     "deserialize nothing": "the bytes are missing",
-    "ask for a size nowhere": "a place for a result is missing",
+    "ask for a size nowhere": "a pointer for a result is missing",
     "serialize nowhere": "is missing",
     "serialize into too little": "bytes, not 8",
     "log an unknown category": "there is no log category noSuchCategory",
@@ -336,7 +336,7 @@ OF_KIND = {
         "step from NaN": "a step must start at 0 s",
         "step past the stop time": "a step to 20 s would pass the stop time 10 s",
         "ask for second derivatives": "the order must be 1, not 2",
-        "ask for an input's derivative": "is no output",
+        "ask for an input's derivative": "is not an output",
         "ask for derivatives nowhere": "an array is missing",
         "ask for derivatives of no order": "an array is missing",
         "set states of a slave": "not allowed in step mode of Co-Simulation",
@@ -372,11 +372,11 @@ OF_BOTH = {
         "set a String": "the model has none of these",
         "set input derivatives": "inputs are held",
         "cancel a step": "not allowed in step mode",
-        "ask for a time nowhere": "a place for a result is missing",
+        "ask for a time nowhere": "a pointer for a result is missing",
     },
     (2, Kind.MODEL_EXCHANGE): {},
-    (3, Kind.CO_SIMULATION): {"step nowhere": "a place for a result is missing"},
-    (3, Kind.MODEL_EXCHANGE): {"count states nowhere": "a place for a result is missing"},
+    (3, Kind.CO_SIMULATION): {"step nowhere": "a pointer for a result is missing"},
+    (3, Kind.MODEL_EXCHANGE): {"count states nowhere": "a pointer for a result is missing"},
 }
 
 # Of a Co-Simulation slave of FMI 2.0 whose steps are never pending.
@@ -416,8 +416,8 @@ def test_damaged_bytes_are_no_state(workshop, open_fmu, kind):
     assert output["flipped"] == f"{8 * size} of {8 * size} refused"
     for label, reason in (
         ("other kind", "the other interface type"),
-        ("two in one", "no state of this FMU"),
-        ("zeros", "no state of this FMU"),
+        ("two in one", "not a state of this FMU"),
+        ("zeros", "not a state of this FMU"),
         ("a state from the other kind", "another model or interface type"),
     ):
         assert output[label].startswith(f"{ERROR} "), label
