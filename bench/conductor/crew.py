@@ -19,9 +19,9 @@ from bench.bus.control_channel import Kind, ReportReader, Truth, read_truth
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
 from bench.bus.topic import Topic
+from bench.conductor.fork_server import Child, Setup
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.linux import enlarge_pipe
-from bench.conductor.nursery import Brood, Child
 from bench.errors import RunFailed
 
 LAST_WORDS_BYTES = 8192
@@ -33,7 +33,7 @@ KILL_S = 5.0
 RESTART_S = 60.0
 """Wall-clock time in s that an ECU may take to start anew."""
 
-_NURSERY = "nursery"
+_FORK_SERVER = "fork server"
 _THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
@@ -149,7 +149,7 @@ class _Process:
 
 
 class ProcessCrew:
-    """A crew of processes, all forked from one nursery (see there).
+    """A crew of processes, all forked from one fork server (see there).
 
     A context manager: at its end nothing of the crew is left, however the run went.
     """
@@ -186,7 +186,7 @@ class ProcessCrew:
         self._reports_open = True
         self._processes: dict[str, _Process] = {}
         self._selector = selectors.DefaultSelector()
-        stderrs = {name: self._watch_words(name) for name in (_NURSERY, *(member.name for member in members))}
+        stderrs = {name: self._watch_words(name) for name in (_FORK_SERVER, *(member.name for member in members))}
         children = tuple(
             Child(m.name, m.target, pickle.dumps(m.arguments), stderrs[m.name], m.early, m.on_call) for m in members
         )
@@ -195,8 +195,8 @@ class ProcessCrew:
                 # Nobody waits for what has not been started, to begin or to end.
                 self._processes[member.name].excused, self._processes[member.name].code = True, 0
         try:
-            brood = Brood(children, tuple(preload), reports, orders, board, os.getpid())
-            self._nursery = _start(brood, stderrs.pop(_NURSERY))
+            setup = Setup(children, tuple(preload), reports, orders, board, os.getpid())
+            self._fork_server = _start(setup, stderrs.pop(_FORK_SERVER))
         finally:
             for descriptor in (reports, orders, *stderrs.values()):
                 os.close(descriptor)
@@ -312,16 +312,16 @@ class ProcessCrew:
         """Kill what is left of the crew and close the pipes; harmless when done before."""
         if self._reports < 0:
             return
-        if self._nursery.stdin is not None:
+        if self._fork_server.stdin is not None:
             with suppress(BrokenPipeError):
-                self._nursery.stdin.close()
+                self._fork_server.stdin.close()
         self._await_end(1.0)
         try:
-            self._nursery.wait(1.0)
+            self._fork_server.wait(1.0)
         except subprocess.TimeoutExpired:
             # Its children die with it.
-            self._nursery.kill()
-            self._nursery.wait()
+            self._fork_server.kill()
+            self._fork_server.wait()
         self._selector.close()
         os.close(self._orders)
         os.close(self._reports)
@@ -330,7 +330,7 @@ class ProcessCrew:
         self._reports = -1
 
     def _members(self) -> list[tuple[str, _Process]]:
-        return [(name, process) for name, process in self._processes.items() if name != _NURSERY]
+        return [(name, process) for name, process in self._processes.items() if name != _FORK_SERVER]
 
     def _watch_words(self, name: str) -> int:
         """Take up the process `name`; return the writing end of the pipe for its standard error."""
@@ -404,7 +404,7 @@ class ProcessCrew:
         if ended:
             raise Ended("\n".join(f"{self._end_of(name)}{self._last_words(name)}" for name in ended), ended)
         if not self._reports_open:
-            raise Ended(f"the processes' {_NURSERY} ended{self._last_words(_NURSERY)}")
+            raise Ended(f"the processes' {_FORK_SERVER} ended{self._last_words(_FORK_SERVER)}")
 
     def _await_end(self, timeout_s: float) -> None:
         deadline = time.monotonic() + timeout_s
@@ -429,17 +429,17 @@ class ProcessCrew:
         return f"; its last words:\n{words}" if words else "; it left no last words"
 
 
-def _start(brood: Brood, stderr: int) -> subprocess.Popen[bytes]:
-    """Start a nursery; its standard input is the lifeline."""
+def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
+    """Start a fork server; its standard input is the lifeline."""
     environment = os.environ | _THREADS | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
-        nursery = subprocess.Popen(
-            [sys.executable, "-P", "-c", "from bench.conductor.nursery import main; main()"],
+        fork_server = subprocess.Popen(
+            [sys.executable, "-P", "-c", "from bench.conductor.fork_server import main; main()"],
             stdin=subprocess.PIPE,
             stdout=stderr,
             stderr=stderr,
             env=environment,
-            pass_fds=(brood.reports, brood.orders, brood.board, *(child.stderr for child in brood.children)),
+            pass_fds=(setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
             # Ctrl-C in a terminal goes to all processes of its group: it is the conductor's business alone.
             start_new_session=True,
         )
@@ -447,10 +447,10 @@ def _start(brood: Brood, stderr: int) -> subprocess.Popen[bytes]:
         os.close(stderr)
     # One that has died already is noticed when its pipe for reports ends.
     with suppress(BrokenPipeError):
-        if nursery.stdin is not None:
-            nursery.stdin.write(pickle.dumps(brood))
-            nursery.stdin.flush()
-    return nursery
+        if fork_server.stdin is not None:
+            fork_server.stdin.write(pickle.dumps(setup))
+            fork_server.stdin.flush()
+    return fork_server
 
 
 def _read(descriptor: int) -> bytes | None:

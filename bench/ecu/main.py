@@ -55,7 +55,7 @@ def serve_ecu(
             await_bench(node, slot, links, codecs)
             serve([node], silence_s=SILENCE_S)
         else:
-            # Once more in this process: memory shared with the nursery is copied when it is first written to.
+            # Once more in this process: memory shared with the fork server is copied when it is first written to.
             load_classes([spec])
             channel.ready(node.name, ecu.inputs)
             serve([node], channel.lifeline)

@@ -29,7 +29,7 @@ LONG = ["duration_s=300.0"]
         ("conductor", False),
         ("veh2.planner", False),
         ("conductor", True),
-        ("nursery", True),
+        ("fork server", True),
         ("clock", True),
         ("plant", True),
         ("veh2.tracker", True),

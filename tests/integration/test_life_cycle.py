@@ -91,13 +91,13 @@ def test_a_killed_process_is_named(start, name: str) -> None:
     assert len(log.signal("veh1", "VehicleMotion", "VelocityX")[0]) >= 20
 
 
-def test_the_nursery_killed_ends_the_run(start) -> None:
+def test_the_fork_server_killed_ends_the_run(start) -> None:
     run = start(set=LONG)
     run.await_time(0.2)
-    os.kill(run.pid_of("nursery"), signal.SIGKILL)
+    os.kill(run.pid_of("fork server"), signal.SIGKILL)
     code, _, errors = run.end()
     assert code == 1
-    assert "nursery" in errors
+    assert "fork server" in errors
     run.assert_all_gone()
     read(run.out)
 

@@ -48,8 +48,8 @@ class Child:
 
 
 @dataclass(frozen=True)
-class Brood:
-    """All that a nursery is told.
+class Setup:
+    """All that a fork server is told.
 
     Attributes:
         children: the processes to be forked.
@@ -69,29 +69,29 @@ class Brood:
 
 
 def main() -> None:
-    """Run a nursery: the brood comes pickled on standard input, whose end is the lifeline."""
+    """Run a fork server: the setup comes pickled on standard input, whose end is the lifeline."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    brood: Brood = pickle.load(sys.stdin.buffer)
+    setup: Setup = pickle.load(sys.stdin.buffer)
     lifeline = os.dup(0)
     with open(os.devnull) as null:  # noqa: PTH123 - a descriptor is wanted, not a path
         os.dup2(null.fileno(), 0)
-    if os.getppid() != brood.conductor:
+    if os.getppid() != setup.conductor:
         return
-    set_name("nursery")
+    set_name("fork server")
     try:
-        _Nursery(brood, ControlChannel(lifeline, brood.reports, brood.board)).run()
+        _ForkServer(setup, ControlChannel(lifeline, setup.reports, setup.board)).run()
     except BenchError as error:
         sys.exit(str(error))
 
 
-class _Nursery:
-    def __init__(self, brood: Brood, channel: ControlChannel) -> None:
-        self._brood = brood
+class _ForkServer:
+    def __init__(self, setup: Setup, channel: ControlChannel) -> None:
+        self._setup = setup
         self._channel = channel
         self._alive: dict[int, str] = {}
         # A child that dies by a fault may be forked again, so the pipes for standard errors stay open here.
-        # A child's end wakes the nursery through this pipe.
+        # A child's end wakes the fork server through this pipe.
         self._wake, self._waker = os.pipe()
         os.set_blocking(self._waker, False)
         os.set_blocking(self._wake, False)
@@ -99,20 +99,20 @@ class _Nursery:
     def run(self) -> None:
         signal.signal(signal.SIGCHLD, lambda *_: None)
         signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
-        self._fork([child for child in self._brood.children if child.early])
+        self._fork([child for child in self._setup.children if child.early])
         self._preload()
-        self._fork([child for child in self._brood.children if not (child.early or child.on_call)])
+        self._fork([child for child in self._setup.children if not (child.early or child.on_call)])
         while True:
-            ready, _, _ = select.select([self._wake, self._channel.lifeline, self._brood.orders], [], [])
+            ready, _, _ = select.select([self._wake, self._channel.lifeline, self._setup.orders], [], [])
             if self._channel.lifeline in ready:
                 self._kill()
                 return
             if self._wake in ready:
                 os.read(self._wake, 4096)
                 self._reap()
-            if self._brood.orders in ready:
-                names = os.read(self._brood.orders, 4096).decode().split()
-                self._fork([child for child in self._brood.children if child.name in names])
+            if self._setup.orders in ready:
+                names = os.read(self._setup.orders, 4096).decode().split()
+                self._fork([child for child in self._setup.children if child.name in names])
 
     def _preload(self) -> None:
         # Not at the top: the early children do without these imports and need not wait for them.
@@ -121,24 +121,24 @@ class _Nursery:
 
         # Reads the DBC files, which it keeps.
         load_codecs(1)
-        load_classes(self._brood.preload)
+        load_classes(self._setup.preload)
         # What is imported stays: no garbage collection need look at it, in no child.
         gc.collect()
         gc.freeze()
 
     def _fork(self, children: Sequence[Child]) -> None:
-        nursery = os.getpid()
+        own_pid = os.getpid()
         for child in children:
             pid = os.fork()
             if pid == 0:
                 code = 1
                 try:
                     die_with_parent()
-                    if os.getppid() == nursery:
-                        os.close(self._brood.orders)
-                        code = _run(child, self._channel, [other.stderr for other in self._brood.children])
+                    if os.getppid() == own_pid:
+                        os.close(self._setup.orders)
+                        code = _run(child, self._channel, [other.stderr for other in self._setup.children])
                 finally:
-                    # Whatever happened, this process must not go on as a second nursery.
+                    # Whatever happened, this process must not go on as a second fork server.
                     os._exit(code)
             self._alive[pid] = child.name
             self._channel.report(Kind.STARTED, {"name": child.name, "pid": pid})
