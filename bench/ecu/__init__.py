@@ -1,7 +1,7 @@
 """Controllers wrapped as ECUs: frames in, frames out.
 
-One's own controller needs only what is here: `TrackerBase` or `PlannerBase`, and the quantities they take and give. A
-class that is to see every frame itself has the members of `Ecu` instead.
+A custom controller needs only this package: `TrackerBase` or `PlannerBase`, and their input and output quantities. A
+class that handles every frame itself implements the members of `Ecu` instead.
 """
 
 from bench.bus.quantities import Command, Motion, Peer, Pose, Reference

@@ -1,4 +1,4 @@
-"""An ECU on its own before the run has begun: it says that it is there."""
+"""A stand-alone ECU before the start of a run: it sends a sign of life."""
 
 import selectors
 import time
@@ -12,13 +12,13 @@ from bench.bus.topic import vehicle_bus
 from bench.ecu.runtime import EcuNode
 
 SIGN_PERIOD_S = 0.1
-"""Wall-clock time in s between two signs of life, as the DBC has it."""
+"""Wall-clock time in s between two signs of life, as in the DBC."""
 
 
 def await_bench(node: EcuNode, slot: EcuSlot, links: Mapping[str, Link], codecs: Mapping[str, Codec]) -> None:
-    """Wait for the first BenchSync, as long as it takes, and send the status with State Wait until then.
+    """Wait for the first BenchSync without a time limit, sending the status with State Wait until then.
 
-    Nobody takes a status as an input, so it changes nothing for the others.
+    No ECU has a status as an input, so this does not affect the others.
 
     Raises:
         RunFailed: a bus went down.

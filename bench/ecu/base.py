@@ -1,9 +1,9 @@
-"""What an ECU is to the bench: a name, the messages it takes, and one step a cycle.
+"""The interface of an ECU: a name, its input messages, and one step per cycle.
 
 Any class with these members is an ECU; it need not inherit from anything here, though `TrackerBase` and `PlannerBase`
-see to most of it. It is made with the number of its vehicle and the scenario, and it sees nothing of the others but
-frames. Where its class has a static method `warm_up`, it is called once before the processes are forked: what is loaded
-there need not be loaded in each.
+handle most of it. It is created with its vehicle number and the scenario, and receives nothing from the others but
+frames. If its class has a static method `warm_up`, it is called once before the processes are forked, so that they
+share what it loads.
 """
 
 from collections.abc import Mapping
@@ -19,28 +19,28 @@ class Ecu(Protocol):
     """A controller as an ECU: frames in, frames out, once a cycle.
 
     Attributes:
-        name: who it is, as in messages to a person: `veh1.planner`.
-        inputs: what it takes. A step comes when exactly one frame of each is there. A message on a vehicle's bus is of
-            the step's own cycle; one on `v2v` was sent in the cycle before. All must be messages with E2E protection,
-            as the alive counter tells a frame's cycle.
+        name: name in messages to people, e.g. `veh1.planner`.
+        inputs: its input messages. A step runs once exactly one frame of each has arrived: of the same cycle on the
+            vehicle's bus, of the cycle before on `v2v`. All must have E2E protection, because the alive counter gives
+            the cycle of a frame.
     """
 
     name: str
     inputs: tuple[Topic, ...]
 
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
-        """Do this cycle's work and return the messages to send.
+        """Run this cycle and return the messages to send.
 
-        Every message of this ECU that has E2E protection should be among them, in every cycle: one that is left out is
-        missing at its receivers. The rest, its diagnostics, go out with their start values where they are left out.
+        Return every E2E-protected message of this ECU in every cycle: receivers miss one that is left out. Diagnostic
+        messages that are left out are sent with their start values.
 
-        The outcome must follow from the arguments and earlier steps alone: no clock, no I/O; only the values of
-        wall-clock messages may come from a timer.
+        The result must depend only on the arguments and earlier steps: no clock, no I/O; only the values of wall-clock
+        messages may come from a timer.
 
         Args:
             cycle: number of the cycle, from 0.
             time_s: simulated time in s.
-            inputs: signals of each topic of `inputs`; None where it is missing or came damaged. In the first cycle
-                nothing has come over `v2v` yet.
-            health: frames lost and E2E errors of this ECU up to now.
+            inputs: signals of each topic of `inputs`; None if missing or damaged. In the first cycle nothing has
+                arrived on `v2v` yet.
+            health: frames lost and E2E errors of this ECU so far.
         """

@@ -1,4 +1,4 @@
-"""What the bases of one's own planner and tracker have in common: inputs by message name, health, diagnostics."""
+"""Common part of `PlannerBase` and `TrackerBase`: inputs by message name, health, diagnostics."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -14,11 +14,11 @@ from bench.scenario import Scenario
 
 
 class EcuBase(ABC):
-    """An ECU of one vehicle, seen from the controller in it.
+    """An ECU of one vehicle, as the base class of a controller.
 
     Attributes:
         role: `planner` or `tracker`.
-        more_inputs: messages of the vehicle's bus to take besides those that every ECU of its role takes.
+        more_inputs: input messages on the vehicle's bus in addition to those of every ECU of its role.
         vehicle: number of its vehicle, from 1.
         scenario: the scenario of the run.
         cycle: number of the cycle, from 0.
@@ -30,7 +30,7 @@ class EcuBase(ABC):
     more_inputs: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, vehicle: int, scenario: Scenario) -> None:
-        """Make the ECU of vehicle number `vehicle`."""
+        """Create the ECU of vehicle number `vehicle`."""
         self.vehicle = vehicle
         self.scenario = scenario
         self._bus = vehicle_bus(vehicle)
@@ -59,40 +59,40 @@ class EcuBase(ABC):
         return [*messages, *self._outgoing(own), *self._outgoing(timing)]
 
     def received(self, message: str) -> Signals | None:
-        """Return the signals of an input of this cycle; None where it is missing or came damaged.
+        """Return the signals of an input in this cycle; None if missing or damaged.
 
         Args:
-            message: its name on the vehicle's bus: `ActuatorStatus`.
+            message: its name on the vehicle's bus, e.g. `ActuatorStatus`.
 
         Raises:
-            KeyError: it is no input; more of them are taken with `more_inputs`.
+            KeyError: it is not an input; add it to `more_inputs`.
         """
         return self._received[self._topic(message)]
 
     def reception(self, message: str) -> Reception:
-        """Return how an input of the vehicle's bus is received: its state, and the age of the last good frame."""
+        """Return the reception of an input on the vehicle's bus: its state, and the age of the last valid frame."""
         return self.health.of(self._topic(message))
 
     def show(self, message: str, **signals: float) -> None:
-        """Put signals of a diagnostic message on the bus in this cycle; what is not shown has its start value.
+        """Send signals of a diagnostic message in this cycle; signals not given have their start values.
 
         Args:
-            message: a message that this ECU sends, without E2E protection: `TrackerDisturbance`.
+            message: a message of this ECU without E2E protection, e.g. `TrackerDisturbance`.
             **signals: physical values in the DBC's units.
         """
         self._diagnostics[message] = {**self._diagnostics.get(message, {}), **signals}
 
     def _bus_health(self) -> dict[str, float]:
-        """What the bus is to know of this ECU's reception."""
+        """Return the signals that report this ECU's reception."""
         return bus_health(self.health)
 
     @abstractmethod
     def _own_inputs(self) -> Iterable[Topic]:
-        """The inputs that every ECU of this role takes."""
+        """Return the inputs of every ECU of this role."""
 
     @abstractmethod
     def _work(self) -> tuple[list[Outgoing], EcuState]:
-        """Do the cycle's work; the messages that drive something, and the state."""
+        """Run the cycle; return all messages but the diagnostics, and the state."""
 
     def _topic(self, message: str) -> Topic:
         return Topic(self._bus, message)

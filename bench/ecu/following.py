@@ -1,33 +1,33 @@
-"""Whether the own vehicle does what it is told: the planner's view of tracker, actuators, tyres and road."""
+"""Whether the own vehicle follows its reference: the planner's check of tracker, actuators, tyres and road."""
 
 from bench.bus.states import ActuatorState, Cause, CommandState
 from bench.bus.topic import Signals
 
 YAW_RATE_RADPS = 0.15
-"""Error (rad/s) of a vehicle that does not follow: a sound one stays within 0.04 on any tyres that are allowed."""
+"""Error (rad/s) of a vehicle that does not follow: a healthy one stays within 0.04 on any allowed tyres."""
 
 SPEED_MPS = 0.8
-"""The same for the speed: a sound vehicle stays within 0.1."""
+"""The same for the speed (m/s): a healthy vehicle stays within 0.1."""
 
 PERSISTENT_CYCLES = 5
-"""Cycles in a row that it takes: shorter errors are those of a tracker that is at work."""
+"""Number of consecutive cycles with such an error: shorter ones occur in normal tracking."""
 
 RECOVERY_CYCLES = 200
-"""Cycles in a row that the vehicle must have followed before it is trusted again."""
+"""Number of consecutive cycles in which the vehicle must follow before it is trusted again."""
 
 HELD_CYCLES = 3
-"""Cycles in a row without commands after which the tracker is lost."""
+"""Number of consecutive cycles without commands after which the tracker is lost."""
 
 
 class Following:
-    """Watches the actuators' status and compares what was asked for with what came of it.
+    """Monitors the actuators' status and compares the motion with the reference.
 
     Attributes:
         cause: NONE, TRACKER_LOST or VEHICLE_FAULT.
     """
 
     def __init__(self) -> None:
-        """Begin with nothing asked for."""
+        """Start without a reference."""
         self.cause = Cause.NONE
         self._asked: tuple[float, float] | None = None
         self._off = 0
@@ -36,7 +36,7 @@ class Following:
         self._tracker_lost = False
 
     def update(self, status: Signals | None, v_x: float, yaw_rate: float) -> None:
-        """Take in one cycle's actuator status and own motion."""
+        """Process one cycle's actuator status and own motion."""
         if status is not None:
             self._look(status)
         self._compare(v_x, yaw_rate)
@@ -46,7 +46,7 @@ class Following:
             self.cause = Cause.VEHICLE_FAULT if self._faulty else Cause.NONE
 
     def ask(self, v_x: float, yaw_rate: float) -> None:
-        """Note what the next cycle's motion is to be (m/s, rad/s)."""
+        """Store the reference of the next cycle (m/s, rad/s)."""
         self._asked = (v_x, yaw_rate)
 
     @property
@@ -58,7 +58,7 @@ class Following:
         self._waiting = self._waiting + 1 if state is ActuatorState.INIT else 0
         held = state is ActuatorState.HOLD and status["HeldCycles"] >= HELD_CYCLES
         silent = state is ActuatorState.SAFE or held or self._waiting > HELD_CYCLES
-        # Of a vehicle that does not follow, the planner gives no reference: its tracker is safe because of that.
+        # If the vehicle does not follow, the planner sends no reference, which is why its tracker is in SAFE.
         gave_up = status["CommandState"] == CommandState.SAFE and not self._faulty
         self._tracker_lost = silent or gave_up
 

@@ -1,4 +1,4 @@
-"""What the DBC says of signals and messages: their ranges, the fastest that they can change, and when they are lost."""
+"""Signal ranges, rates of change and message timeouts from the DBC."""
 
 import math
 from collections.abc import Mapping
@@ -12,12 +12,12 @@ from bench.cycle import CYCLE_S
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What one signal can be.
+    """Possible values of one signal.
 
     Attributes:
-        low: lower end of its range; a value there is saturated, so it may be anything.
+        low: lower end of its range; a value there is saturated, so the true value is unknown.
         high: upper end.
-        change: most that it can change from one cycle to the next; infinite where the DBC does not tell.
+        change: largest change from one cycle to the next; infinite if the DBC does not define it.
     """
 
     low: float
@@ -25,7 +25,7 @@ class Limit:
     change: float
 
     def allows(self, value: float, before: float | None, cycles: int = 1) -> bool:
-        """Whether a value is possible `cycles` cycles after the value `before`; NaN never is."""
+        """Whether a value is possible `cycles` cycles after the value `before`; false for NaN."""
         if not self.low < value < self.high:
             return False
         return before is None or abs(value - before) <= self.change * cycles
@@ -42,7 +42,7 @@ def limits_of(dbc: str, message: str) -> Mapping[str, Limit]:
     limits = {}
     for signal in Codec(DBC_DIR / dbc).message(message).signals:
         rate = signal.dbc.attributes.get("GenSigRateMax") if signal.dbc else None
-        # Half a quantum may go up and half a quantum down.
+        # Rounding can add half a quantum at either end.
         change = float(rate.value) * CYCLE_S + signal.scale if rate is not None and rate.value else math.inf
         limits[signal.name] = Limit(float(signal.minimum or 0.0), float(signal.maximum or 0.0), change)
     return limits
@@ -50,7 +50,7 @@ def limits_of(dbc: str, message: str) -> Mapping[str, Limit]:
 
 @cache
 def timeout_cycles(dbc: str, message: str) -> int:
-    """Return after how many cycles without a good frame a message is lost.
+    """Return the number of cycles without a valid frame after which a message is lost.
 
     Args:
         dbc: name of the DBC file: `vehicle.dbc`.
@@ -60,5 +60,5 @@ def timeout_cycles(dbc: str, message: str) -> int:
 
 
 def possible(limits: Mapping[str, Limit], frame: Signals | None, names: tuple[str, ...]) -> bool:
-    """Whether all these signals of a frame are inside their ranges; a frame that did not come has nothing wrong."""
+    """Whether all these signals of a frame are within their ranges; true for a missing frame."""
     return frame is None or all(limits[name].allows(frame[name], None) for name in names)

@@ -1,4 +1,4 @@
-"""ECU classes by their names, and an ECU made of one, on its buses."""
+"""Loads ECU classes by name, and creates an ECU on its buses."""
 
 import importlib
 import importlib.util
@@ -21,7 +21,7 @@ DEFAULT_ECUS: Mapping[str, str] = {
     "planner": "bench.ecu.planner:PlannerEcu",
     "tracker": "bench.ecu.tracker:TrackerEcu",
 }
-"""The ECUs of a vehicle: role and class, as `load_class` takes it."""
+"""The ECUs of a vehicle: role and class, in the syntax of `load_class`."""
 
 
 def load_class(spec: str) -> Any:
@@ -31,7 +31,7 @@ def load_class(spec: str) -> Any:
         spec: `package.module:Class`, or `path/to/file.py:Class`.
 
     Raises:
-        BadInput: there is no such module, file or class, the module cannot be loaded, or the class is no ECU.
+        BadInput: no such module, file or class, the module cannot be loaded, or the class is not an ECU.
     """
     place, _, name = spec.rpartition(":")
     if not (place and name):
@@ -47,14 +47,14 @@ def load_class(spec: str) -> Any:
     if not isinstance(found, type):
         raise BadInput(f"ECU {spec!r}: {place} has no class {name}")
     if not callable(getattr(found, "step", None)):
-        raise BadInput(f"ECU {spec!r}: the class {name} is no ECU, it has no method step; see bench.ecu.base.Ecu")
+        raise BadInput(f"ECU {spec!r}: the class {name} is not an ECU: it has no method step; see bench.ecu.base.Ecu")
     if missing := sorted(getattr(found, "__abstractmethods__", ())):
         raise BadInput(f"ECU {spec!r}: the class {name} lacks the method {', '.join(missing)}")
     return found
 
 
 def load_classes(specs: Iterable[str]) -> None:
-    """Load ECUs' classes and let them compile or load what takes time, so that no first step has to.
+    """Load ECU classes and call their `warm_up`, so that the first step is not slow.
 
     Raises:
         BadInput: see `load_class`.
@@ -90,10 +90,10 @@ def make_node(
     codecs: Mapping[str, Codec],
     plan: FaultPlan,
 ) -> tuple[EcuNode, Ecu]:
-    """Make an ECU of the class `spec` in its slot and put it on its links.
+    """Create an ECU of the class `spec` in its slot and connect it to its links.
 
     Raises:
-        BadInput: the class cannot be loaded, or takes what is not on its buses.
+        BadInput: the class cannot be loaded, or has inputs that are not on its buses.
     """
     ecu: Ecu = load_class(spec)(slot.vehicle, scenario)
     return EcuNode(slot.name, ecu, links, codecs, slot.sends(codecs), plan), ecu

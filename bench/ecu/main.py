@@ -26,13 +26,13 @@ def serve_ecu(
     scenario: Scenario,
     address: Address,
 ) -> None:
-    """Run one ECU in this process until the conductor stops it or is gone.
+    """Run one ECU in this process until the conductor stops it or exits.
 
     Args:
-        channel: to the conductor that started this process; None if the ECU runs alone, then it waits for the first
-            frame as long as it takes, and gives up after `SILENCE_S` without one.
+        channel: to the conductor that started this process; None if the ECU runs alone: it then waits for the first
+            frame without a time limit, and later gives up after `SILENCE_S` without one.
         spec: the ECU's class, see `bench.ecu.loading.load_class`.
-        slot: its place in the network.
+        slot: its ECU slot.
         scenario: the scenario of the run.
         address: where the buses are.
 

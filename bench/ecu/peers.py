@@ -1,4 +1,4 @@
-"""What a vehicle knows of the others: their motion, brought up to now, and how far they can be trusted."""
+"""What a vehicle knows about the others: their extrapolated motion, and whether they can be trusted."""
 
 import math
 from collections.abc import Mapping
@@ -13,16 +13,16 @@ from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible
 
 RECOVERY_CYCLES = 20
-"""Cycles in a row that a vehicle must be heard and plausible before it is trusted again."""
+"""Number of consecutive cycles with plausible broadcasts before a vehicle is trusted again."""
 
 POSITION_M = 0.15
-"""Distance (m) between where a vehicle says it is and where its speed and course have taken it, that is no rounding."""
+"""Distance (m) between reported and dead-reckoned position that exceeds rounding."""
 
 COURSE_RAD = 0.05
-"""The same between its course (rad) and its yaw rate; side-slip builds up less than this."""
+"""The same for its course (rad) against its integrated yaw rate; larger than the build-up of side-slip."""
 
 COASTING_MPS2 = 0.3
-"""How a vehicle slows down that nobody hears: drag and rolling resistance."""
+"""Assumed deceleration of a vehicle that is not heard: drag and rolling resistance."""
 
 _PULL = 0.05
 """As in `bench.ecu.plausibility`."""
@@ -30,14 +30,14 @@ _PULL = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What a vehicle says of itself in `V2VStatus`.
+    """Content of a vehicle's `V2VStatus`.
 
     Attributes:
         state: worst state of its ECUs.
         cause: why it is not in RUN.
-        slot: its slot from 1; 0 while it has none.
-        leader_x: where the foremost slot is (m), brought up to now by the receiver's speed of the platoon.
-        manoeuvre: what it does.
+        slot: its slot from 1; 0 without a slot.
+        leader_x: position of the foremost slot (m), extrapolated by the receiver with the platoon's speed.
+        manoeuvre: its current manoeuvre.
     """
 
     state: EcuState
@@ -51,11 +51,11 @@ class PeerWatch:
     """One other vehicle.
 
     Attributes:
-        motion: its motion now; None before it has been heard. Without news it is taken to keep its velocity, from when
-            it is lost on to coast.
-        heard: whether its broadcast of the last cycle has come.
+        motion: its current motion; None before the first broadcast. Without broadcasts it is extrapolated at constant
+            velocity, and as coasting once the vehicle is lost.
+        heard: whether its broadcast of the last cycle was received.
         cause: why it is not trusted: NONE, PEER_MISSING, PEER_LOST, PEER_IMPLAUSIBLE or PEER_UNSAFE.
-        report: what it last said of itself; None before it has said anything.
+        report: its last report; None before the first.
     """
 
     def __init__(self, number: int) -> None:
@@ -72,12 +72,12 @@ class PeerWatch:
         self._lost = False
 
     def update(self, inputs: Mapping[Topic, Signals | None], health: Health, cycles: int = 1) -> None:
-        """Take in one cycle's broadcast, which was sent in the cycle before.
+        """Process one cycle's broadcast, which was sent in the cycle before.
 
         Args:
-            inputs: of the cycle, None for what is missing.
-            health: how they are received.
-            cycles: since the last call: more than one where this ECU was not there for some.
+            inputs: of the cycle; None for missing ones.
+            health: their reception.
+            cycles: since the last call; more than one if this ECU missed some.
         """
         if cycles != 1:
             self._reckoned = None
@@ -101,7 +101,7 @@ class PeerWatch:
         self._judge(plausible=plausible, lost=lost)
 
     def assume(self, start: Motion, since_s: float) -> None:
-        """Take a vehicle that has not been heard yet to coast since `since_s` seconds from where it started."""
+        """Assume that a vehicle not heard yet has coasted for `since_s` seconds from its start position."""
         if self.motion is None:
             way = since_s * (start.speed - 0.5 * COASTING_MPS2 * since_s)
             x, y = start.X + way * math.cos(start.course), start.Y + way * math.sin(start.course)

@@ -1,4 +1,4 @@
-"""The planner ECU: own sensors and the others' V2V broadcasts in, the tracker's reference and an own broadcast out."""
+"""The planner ECU: own sensors and V2V broadcasts in, the tracker's reference and an own broadcast out."""
 
 import math
 from collections.abc import Mapping
@@ -21,17 +21,17 @@ from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 
 CLEARANCE_M = 7.0
-"""Distance (m) that a vehicle which falls back keeps to one ahead, as far as it can brake."""
+"""Distance (m) that a vehicle falling back keeps to the one ahead, within its braking limit."""
 
 MAKE_WAY_M = 12.0
-"""Distance (m) that a vehicle keeps to one behind that cannot be trusted: more than any gap that is safe by itself, so
-that one that comes faster, as it only coasts, is kept away from."""
+"""Distance (m) that a vehicle keeps to an untrusted one behind: larger than a normal gap, because a coasting vehicle
+may be approaching."""
 
 OVERTAKEN_M = 6.0
-"""Distance (m) ahead at which such a vehicle has overtaken."""
+"""Distance (m) ahead from which such a vehicle counts as having overtaken."""
 
 LANE_M = 3.5
-"""Two vehicles nearer than this (m) across the road are in each other's way."""
+"""Two vehicles with a smaller lateral distance (m) can collide."""
 
 _UNTRUSTED = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE, Cause.PEER_UNSAFE)
 _UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
@@ -40,23 +40,22 @@ _UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
 class PlannerEcu:
     """The paper's planning level as an ECU.
 
-    States: *init* until it has a slot, with the start speed held; *run*; *degraded* while a sensor is replaced by its
-    redundancy, or a vehicle is missing or not to be trusted: then those behind it open the gap; *safe* while the own
-    motion is unknown or the vehicle does not follow: it slows down in its lane and tells the others. `docs/states.md`
-    has it all.
+    States: *init* until it has a slot, with the start speed held; *run*; *degraded* while a sensor is replaced by
+    redundant sources, or a vehicle is missing or untrusted (those behind it then open the gap); *safe* while the own
+    motion is unknown or the vehicle does not follow: it slows down in its lane and reports this. See `docs/states.md`.
 
     Attributes:
-        input_wait_s: in real time, how long after BenchSync it waits for its inputs: the plant's are there within two
-            ms or so, and the tracker waits for the planner.
+        input_wait_s: in real time, time in s after BenchSync for which it waits for its inputs: the plant's arrive
+            within about 2 ms, and the tracker waits for the planner.
     """
 
     input_wait_s = 0.003
 
     def __init__(self, vehicle: int, scenario: Scenario) -> None:
-        """Make the planner of vehicle number `vehicle` (from 1).
+        """Create the planner of vehicle number `vehicle` (from 1).
 
         Raises:
-            ValueError: the planner's settings do not go together.
+            ValueError: the planner's settings are inconsistent.
         """
         count = len(scenario.vehicles)
         self.name = EcuSlot("planner", vehicle).name
@@ -86,7 +85,7 @@ class PlannerEcu:
         self._own = OwnMotion(VehicleParameters())
         self._following = Following()
         self._slots: dict[int, int] = {}
-        # So long it waits for all vehicles to be heard, then slots are assigned by the start grid.
+        # After this wait for all vehicles to be heard, slots are assigned by the start grid.
         self._wait_cycles = timeout_cycles("v2v.dbc", broadcast(vehicle).position.message)
         self._first_cycle: int | None = None
         self._last_cycle = 0
@@ -96,7 +95,7 @@ class PlannerEcu:
 
     @staticmethod
     def warm_up() -> None:
-        """Load the compiled functions by using them once, which processes forked afterwards need not do again."""
+        """Load the compiled functions by calling them once, for all processes forked afterwards."""
         planner = Planner(PlannerSettings(), PlatoonGoal(0.0, 20.0, 10.0), VehicleParameters(), 1, 2, 0, CYCLE_S)
         own, other = Motion(0.0, 0.0, 20.0, 0.0, 0.0), Motion(-10.0, 0.0, 20.0, 0.0, 0.0)
         planner.assign_slots({1: own, 2: other}, 0.0)
@@ -130,7 +129,7 @@ class PlannerEcu:
         return [*outgoing, Outgoing(self._bus, "PlannerTiming", {k: 1e6 * v for k, v in timing.items()})]
 
     def _listen(self, inputs: Mapping[Topic, Signals | None], cycles: int) -> tuple[Motion, float] | None:
-        """Own motion and v_x, or None while nothing tells it."""
+        """Return own motion and v_x, or None while they are unknown."""
         frames = {message: inputs[topic] for message, topic in self._own_topics.items()}
         state = self._own.update(frames, cycles)
         if state is None:
@@ -138,18 +137,18 @@ class PlannerEcu:
         return Motion(state.x, state.y, state.speed, state.course, state.yaw_rate), state.v_x
 
     def _take_slot(self, cycle: int, time_s: float, own: Motion) -> None:
-        """Join the platoon under way; else assign slots by the first broadcasts; else, after a while, by the grid."""
+        """Join an existing platoon; else assign slots by the first broadcasts, or after a timeout by the start grid."""
         first = self._first_cycle or 0
         waited = cycle - first >= self._wait_cycles
-        # A planner that was there from the start takes nobody's word: who else is still without a slot, as frames are
-        # lost, would take the same free one. Broadcasts and grid give all of them the same order.
+        # A planner that ran from the start ignores reported slots: another one still without a slot, because frames
+        # were lost, would take the same free one. Broadcasts and grid give all of them the same order.
         under_way = first >= self._wait_cycles
         reports = {n: p.report for n, p in self._peers.items() if under_way and p.report is not None and p.report.slot}
         if reports and (len(reports) == len(self._peers) or waited):
             taken = {number: report.slot for number, report in reports.items()}
             free = set(range(1, len(self._grid) + 1)) - set(taken.values())
             leader_x = sum(report.leader_x for report in reports.values()) / len(reports)
-            # Where others are missing too, the hindmost free slot is the one that has most of them ahead.
+            # If others are missing too, the rearmost free slot has the most of them ahead.
             slot = max(free, default=len(self._grid))
             self._slots = taken | {self._vehicle: slot}
             self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s)
@@ -159,7 +158,7 @@ class PlannerEcu:
         if not self._peers:
             starts = {self._vehicle: own}
         elif self._last_broadcast is not None and all(peer.heard for peer in self._peers.values()):
-            # All broadcasts are of the cycle before, so the own one that counts is that cycle's too.
+            # All broadcasts are from the cycle before, so the own broadcast of that cycle is used.
             heard = {n: peer.motion for n, peer in self._peers.items() if peer.motion is not None}
             starts = {n: motion.later(-CYCLE_S) for n, motion in heard.items()} | {self._vehicle: self._last_broadcast}
             started_s = time_s - CYCLE_S
@@ -171,7 +170,7 @@ class PlannerEcu:
             self._slots = self._planner.assign_slots(starts, started_s)
 
     def _plan(self, cycle: int, time_s: float, own: Motion, v_x: float) -> Manoeuvre:
-        """Plan the next cycle's reference by what has to be done."""
+        """Plan the next cycle's reference and return the manoeuvre."""
         if self._planner.assigned and self._following.cause is not Cause.NONE:
             self._last = self._planner.slow_down(cycle, time_s, own, v_x)
             manoeuvre = Manoeuvre.SLOW_DOWN
@@ -185,9 +184,9 @@ class PlannerEcu:
         return manoeuvre if self._planner.assigned else Manoeuvre.NONE
 
     def _neighbours(self) -> dict[int, Motion]:
-        """The others to keep clear of, by number.
+        """Return the vehicles to keep clear of, by number.
 
-        One ahead that is not known is left out, as falling back takes care of it; one behind is taken to coast.
+        Unknown vehicles ahead are left out, because falling back handles them; those behind are assumed to coast.
         """
         return {
             number: peer.motion
@@ -199,7 +198,7 @@ class PlannerEcu:
         return self._slots.get(number, 0) < self._slots.get(self._vehicle, 0)
 
     def _braking(self, own: Motion) -> float | None:
-        """How hard to fall back (m/s^2) from vehicles ahead that cannot be trusted; None where all can."""
+        """Return the braking (m/s^2) to fall back from untrusted vehicles ahead; None if all are trusted."""
         suspects = [peer for n, peer in self._peers.items() if peer.cause in _UNTRUSTED and self._is_ahead(n)]
         if not suspects:
             return None
@@ -210,7 +209,7 @@ class PlannerEcu:
         return min(braking, self._emergency)
 
     def _make_way_x(self, own: Motion) -> float | None:
-        """Where to be at least (m): ahead of those behind that cannot be trusted, until they have overtaken."""
+        """Return the minimum X (m) that keeps ahead of untrusted vehicles behind until they have overtaken, or None."""
         ahead_of = [
             peer.motion.X + MAKE_WAY_M
             for number, peer in self._peers.items()
@@ -229,7 +228,7 @@ class PlannerEcu:
         return EcuState.RUN if cause is Cause.NONE else EcuState.DEGRADED
 
     def _messages(self, state: EcuState, cause: Cause, manoeuvre: Manoeuvre) -> list[Outgoing]:
-        """The reference and the diagnostics."""
+        """Return the reference and the diagnostics."""
         status: dict[str, float] = {"State": state, "Cause": cause}
         reference: Signals = {"ReferenceState": ReferenceState.NONE}
         potential: dict[str, float] = {}
@@ -239,7 +238,7 @@ class PlannerEcu:
         if plan is not None:
             worth = ReferenceState.VALID if state in (EcuState.INIT, EcuState.RUN) else ReferenceState.DEGRADED
             if cause in (Cause.OWN_MOTION_LOST, Cause.VEHICLE_FAULT):
-                # The tracker knows better, or what reaches it is not what was sent: it is to slow down by itself.
+                # The tracker has better information, or receives wrong references: it must slow down by itself.
                 worth = ReferenceState.NONE
             reference = Reference(plan.v_x, plan.yaw_rate).messages(worth)[REFERENCE]
             status |= {
@@ -271,7 +270,7 @@ class PlannerEcu:
     def _broadcast(
         self, own: tuple[Motion, float] | None, state: EcuState, cause: Cause, manoeuvre: Manoeuvre
     ) -> list[Outgoing]:
-        """What the others are told; of a motion that is not known, nothing."""
+        """Return the broadcast, with the motion only if it is known."""
         status = broadcast(self._vehicle).status
         slot, leader_x = (self._last.slot, self._last.leader_x) if self._last is not None else (0, 0.0)
         report = {"State": state, "Slot": slot, "Cause": cause, "LeaderX": leader_x, "Manoeuvre": manoeuvre}
@@ -284,7 +283,7 @@ class PlannerEcu:
 
 
 def _braking_behind(own: Motion, ahead: Motion) -> float:
-    """Braking (m/s^2) that keeps `CLEARANCE_M` to a vehicle ahead that keeps its speed; 0 where none is needed."""
+    """Return the braking (m/s^2) that keeps `CLEARANCE_M` to a vehicle ahead at constant speed; 0 if none is needed."""
     closing = own.speed * math.cos(own.course) - ahead.speed * math.cos(ahead.course)
     if closing <= 0.0 or abs(ahead.Y - own.Y) > LANE_M:
         return 0.0

@@ -1,4 +1,4 @@
-"""The base of one's own planner: it is called with the own motion and the others', and answers with a reference."""
+"""Base class of a custom planner, which computes a reference from the own motion and that of the others."""
 
 import math
 from abc import abstractmethod
@@ -13,11 +13,11 @@ from bench.ecu.ecu_base import EcuBase
 
 
 class PlannerBase(EcuBase):
-    """A planner: what sets the tracker's reference, with regard to the other vehicles.
+    """A planner, which sets the tracker's reference with regard to the other vehicles.
 
-    It calls `plan` in every cycle in which the own sensors are there, and broadcasts the own motion. States, on the bus
-    in `PlannerStatus` and `V2VStatus_i`: *init* until the first plan; *run*; *degraded* while own sensors are missing,
-    when the last reference is held and no motion is broadcast, or while a vehicle is not heard.
+    It calls `plan` in every cycle with own sensor frames, and broadcasts the own motion. States, sent in
+    `PlannerStatus` and `V2VStatus_i`: *init* until the first plan; *run*; *degraded* while own sensor frames are
+    missing (the last reference is held and no motion is broadcast) or while a vehicle is not heard.
     """
 
     role: ClassVar[str] = "planner"
@@ -28,12 +28,12 @@ class PlannerBase(EcuBase):
     def plan(self, pose: Pose, motion: Motion, peers: Mapping[int, Peer]) -> Reference:
         """Return the reference for the next cycle.
 
-        The outcome must follow from the arguments and earlier calls alone: no clock, no I/O.
+        The result must depend only on the arguments and earlier calls: no clock, no I/O.
 
         Args:
-            pose: where the own vehicle is.
-            motion: how it moves.
-            peers: the other vehicles that were heard in this cycle, by number; in the first cycle none.
+            pose: pose of the own vehicle.
+            motion: motion of the own vehicle.
+            peers: the other vehicles heard in this cycle, by number; none in the first cycle.
         """
 
     @property
@@ -59,7 +59,7 @@ class PlannerBase(EcuBase):
             self._reference = self.plan(pose, moving, peers)
             told = self._outgoing(_as_peer(pose, moving).messages(self.vehicle), V2V)
         if self.cycle == 0 and told:
-            # Nobody can have been heard yet.
+            # No broadcast can have arrived yet.
             state = EcuState.RUN
         worth = ReferenceState.VALID if state is EcuState.RUN else ReferenceState.DEGRADED
         if self._reference is None:
@@ -84,6 +84,6 @@ class PlannerBase(EcuBase):
 
 
 def _as_peer(pose: Pose, motion: Motion) -> Peer:
-    """The own vehicle as the others see it."""
+    """Return the own vehicle as a peer of the others."""
     course = math.remainder(pose.yaw + math.atan2(motion.v_y, motion.v_x), 2.0 * math.pi)
     return Peer(pose.x, pose.y, math.hypot(motion.v_x, motion.v_y), course, motion.yaw_rate)

@@ -1,18 +1,19 @@
-"""What a vehicle knows of its own motion, with every sensor checked against what the others say.
+"""The own motion, with plausibility checks of every sensor against the others.
 
-Analytic redundancy on the vehicle's bus: sources for each component of the motion, of which two outvote one, and dead
-reckoning for the pose, which no sensor measures twice. A value that jumps where its second source does not is wrong.
+Analytic redundancy on the vehicle's bus: several sources for each component of the motion, of which two outvote one,
+and dead reckoning for the pose, which only one sensor measures. A value that jumps while its second source does not is
+implausible.
 
 | signal | second source | third source |
 |---|---|---|
 | VelocityX | position from frame to frame | wheel speeds |
 | VelocityY | position from frame to frame | steady cornering of the nominal vehicle |
-| YawRate | yaw from frame to frame | its own last value; in the long run, see Yaw |
+| YawRate | yaw from frame to frame | its own last value; in the long term, see Yaw |
 | X, Y | dead reckoning by the velocities | |
-| Yaw | dead reckoning by the yaw rate | positions: which of both yaws has the vehicle moving the way it does |
+| Yaw | dead reckoning by the yaw rate | positions: which of both yaws matches the direction of motion |
 
-What is found implausible is replaced by its other sources, and taken up again when it has agreed with them for
-`RECOVERY_CYCLES`. As long as nothing is wrong, the measured values are used as they are.
+An implausible value is replaced by its other sources, and used again after it has agreed with them for
+`RECOVERY_CYCLES`. If all values are plausible, they are used as measured.
 """
 
 import math
@@ -28,29 +29,29 @@ from bench.ecu.limits import limits_of, possible, timeout_cycles
 from platoon_fmu.parameters import VehicleParameters
 
 RECOVERY_CYCLES = 20
-"""Cycles in a row that a signal must agree with the others before it is believed again."""
+"""Number of consecutive cycles in which a signal must agree with the others before it is trusted again."""
 
 VELOCITY_X_MPS = 0.3
-"""Disagreement (m/s) that makes two sources of v_x two: seven times the quantisation of position differences."""
+"""Difference (m/s) at which two sources of v_x disagree: seven times the quantisation of position differences."""
 
 VELOCITY_Y_MPS = 0.3
 YAW_RATE_RADPS = 0.03
 WHEEL_MPS = 2.0
-"""Slip of a wheel (m/s) that is no rolling any more."""
+"""Slip (m/s) above which a wheel is not rolling."""
 
 POSITION_M = 0.1
 YAW_RAD = 0.006
-"""Pose errors (m, rad) against dead reckoning that are no quantisation. With `_PULL`, a velocity that is wrong by less
-than its own limit above makes less than these: so the pose is not blamed for what a velocity did."""
+"""Pose errors (m, rad) against dead reckoning that exceed quantisation. With `_PULL`, a velocity error below its own
+limit above causes a smaller error than these, so that it is not attributed to the pose."""
 
 YAW_SMOOTHING = 0.3
-"""Share of the newest cycle in what tells which of two yaws is wrong: positions are quantised."""
+"""Weight of the newest cycle in the filter that decides which of two yaws is wrong: positions are quantised."""
 
 DRIFT = 0.01
-"""How far dead reckoning may be off, as a share of the way gone since the last position that was believed."""
+"""Error of dead reckoning, as a fraction of the distance travelled since the last trusted position."""
 
 _PULL = 0.05
-"""Share of its error that dead reckoning takes away in each cycle in which the measured pose is believed."""
+"""Fraction of its error that dead reckoning corrects in each cycle with a trusted measured pose."""
 
 _POSITION = ("X", "Y")
 _MOTION = ("VelocityX", "VelocityY", "YawRate")
@@ -58,7 +59,7 @@ _MOTION = ("VelocityX", "VelocityY", "YawRate")
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """The own motion as well as it is known.
+    """The best estimate of the own motion.
 
     Attributes:
         x: position of the centre of mass along the road (m).
@@ -100,7 +101,7 @@ class _Pose(NamedTuple):
 
 
 class _Trust:
-    """Whether a signal is believed: not from its first disagreement on, until it has agreed for long enough."""
+    """Trust in a signal: lost at its first disagreement, regained after `RECOVERY_CYCLES` of agreement."""
 
     __slots__ = ("_agreed", "given")
 
@@ -109,7 +110,7 @@ class _Trust:
         self._agreed = 0
 
     def note(self, *, agrees: bool) -> bool:
-        """Take in one cycle's comparison; whether the signal is believed."""
+        """Process one cycle's comparison and return whether the signal is trusted."""
         if not agrees:
             self.given, self._agreed = False, 0
         elif not self.given:
@@ -119,15 +120,15 @@ class _Trust:
 
 
 class OwnMotion:
-    """Brings the own motion up to each cycle.
+    """Estimates the own motion in each cycle.
 
     Attributes:
-        state: the own motion; None before the first pose and while nothing tells how the vehicle moves.
-        cause: what is wrong with the sensors in this cycle.
+        state: the own motion; None before the first pose and while the velocity is unknown.
+        cause: the sensor fault in this cycle.
     """
 
     def __init__(self, vehicle: VehicleParameters) -> None:
-        """Know the vehicle's nominal parameters."""
+        """Create the estimator for a vehicle with these nominal parameters."""
         self.state: OwnState | None = None
         self.cause = Cause.NONE
         self._vehicle = vehicle
@@ -146,17 +147,17 @@ class OwnMotion:
         self._way = 0.0
 
     def start_from(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Know where the vehicle is in the first cycle, before any sensor has told (m, m, rad, m/s)."""
+        """Set the pose and speed in the first cycle, before any sensor frame (m, m, rad, m/s)."""
         back = CYCLE_S * speed
         self._pose = self._reckoned = _Pose(x - back * math.cos(yaw), y - back * math.sin(yaw), yaw)
         self._velocity = _Velocity(speed, 0.0, 0.0)
 
     def update(self, frames: Mapping[str, Signals | None], cycles: int = 1) -> OwnState | None:
-        """Take in one cycle's sensor frames; the own motion in that cycle.
+        """Process one cycle's sensor frames and return the own motion in that cycle.
 
         Args:
-            frames: those of `SENSORS` by name, None for each that is missing; others are left aside.
-            cycles: since the last call: more than one where this ECU was not there for some.
+            frames: those of `SENSORS` by name, None for missing ones; others are ignored.
+            cycles: since the last call; more than one if this ECU missed some.
         """
         if cycles != 1:
             self._measured_position = self._measured_yaw = None
@@ -171,7 +172,7 @@ class OwnMotion:
         self._velocity = velocity
         self._measured_position = None if position is None else (position["X"], position["Y"])
         self._measured_yaw = None if attitude is None else attitude["Yaw"]
-        # As long as its timeout a velocity may be held when nothing at all tells it.
+        # Without any source, a velocity may be held for its timeout.
         known = self._pose is not None and self._blind <= self._timeouts[MOTION]
         self.state = OwnState(*self._pose, *velocity) if self._pose is not None and known else None
         self._missing = {name: count + 1 if frames[name] is None else 0 for name, count in self._missing.items()}
@@ -181,7 +182,7 @@ class OwnMotion:
     def _in_range(
         self, frames: Mapping[str, Signals | None], name: str, signals: tuple[str, ...]
     ) -> tuple[Signals | None, bool]:
-        """A frame, None where it is missing or its signals cannot be; and whether they can."""
+        """Return a frame, None if it is missing or out of range; and whether it is not out of range."""
         fine = possible(self._limits[name], frames[name], signals)
         return frames[name] if fine else None, fine
 
@@ -193,7 +194,7 @@ class OwnMotion:
         front: Signals | None,
         rear: Signals | None,
     ) -> _Velocity:
-        """As measured where they are believed, else from their other sources."""
+        """Return velocities: as measured if trusted, otherwise from their other sources."""
         gamma = self._yaw_rate(attitude, motion, front, rear)
         along, across = self._from_positions(position)
         v_x = self._longitudinal(motion, along, self._wheel_speed(gamma, front, rear))
@@ -236,7 +237,7 @@ class OwnMotion:
         limit: float,
         before: float,
     ) -> float | None:
-        """The measured value, None where it is missing or not believed."""
+        """Return the measured value; None if it is missing or not trusted."""
         if motion is None:
             return None
         value, trust = motion[name], self._trust[name]
@@ -248,7 +249,7 @@ class OwnMotion:
         return value if trust.note(agrees=agrees) else None
 
     def _from_positions(self, position: Signals | None) -> tuple[float | None, float | None]:
-        """Velocity along and across the vehicle (m/s) since the last cycle's position."""
+        """Return the velocity along and across the vehicle (m/s) since the last cycle's position."""
         before = self._measured_position
         self._moved = None
         if position is None or before is None or self._pose is None:
@@ -260,7 +261,7 @@ class OwnMotion:
         return c * dx + s * dy, c * dy - s * dx
 
     def _wheel_speed(self, gamma: float, front: Signals | None, rear: Signals | None) -> float | None:
-        """v_x (m/s) from the wheels that roll: the median of those believed."""
+        """Return v_x (m/s) from the rolling wheels: the median of the trusted ones."""
         if front is None or rear is None:
             return None
         turn = 0.5 * self._vehicle.l_t * gamma
@@ -281,7 +282,7 @@ class OwnMotion:
         attitude: Signals | None,
         elapsed_s: float,
     ) -> None:
-        """Go on with dead reckoning, and compare the measured pose with it."""
+        """Update dead reckoning, and compare the measured pose with it."""
         if self._pose is None:
             if position is not None and attitude is not None:
                 self._pose = _Pose(position["X"], position["Y"], attitude["Yaw"])
@@ -312,7 +313,7 @@ class OwnMotion:
         self._pose = _Pose(x_used, y_used, yaw_used)
 
     def _yaw_rate_is_wrong(self, reckoned: float, seen: float, v_y: float) -> bool:
-        """Whether yaw (rad) and yaw rate contradict each other and the positions side with the yaw."""
+        """Whether yaw (rad) and yaw rate contradict each other and the positions confirm the yaw."""
         if self._moved is not None:
             dx, dy = self._moved
             back = 0.5 * CYCLE_S * self._velocity.gamma
@@ -323,7 +324,7 @@ class OwnMotion:
         return contradict and self._slip_errors[0] < self._slip_errors[1]
 
     def _compare(self, name: str, reckoned: float, seen: float | None, limit: float) -> tuple[float, float, bool]:
-        """Dead reckoning drawn to what was seen, the value to use, and whether that is what was seen."""
+        """Return the corrected dead reckoning, the value to use, and whether that is the measured one."""
         if seen is None or not self._trust[name].note(agrees=abs(seen - reckoned) <= limit):
             return reckoned, reckoned, False
         return reckoned + _PULL * (seen - reckoned), seen, True

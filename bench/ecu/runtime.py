@@ -16,11 +16,11 @@ from bench.errors import BadInput
 from bench.faults.plan import FaultPlan
 
 INPUT_WAIT_S = 0.005
-"""In real time, how long after BenchSync an ECU waits for its inputs, if its class has no `input_wait_s`."""
+"""In real time, default of `input_wait_s`: time in s after BenchSync for which an ECU waits for its inputs."""
 
 
 class SentNaN(UserWarning):
-    """An ECU's step has returned values that are no numbers."""
+    """An ECU's step has returned NaN values."""
 
 
 class EcuNode:
@@ -36,17 +36,17 @@ class EcuNode:
         plan: FaultPlan | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Put `ecu` on `links` (by bus name); in messages to a person it is `name`.
+        """Connect `ecu` to `links` (by bus name).
 
         Args:
-            name: who it is.
-            ecu: does the work.
-            links: its ends of its buses.
+            name: name in messages to people.
+            ecu: the controller.
+            links: its links to its buses.
             codecs: codec of every bus.
-            sends: what the DBC has it send. Those without E2E protection, its diagnostics, go out with their start
-                values where a step does not return them, so that a small ECU need not send what drives nothing.
+            sends: messages it sends according to the DBC. Those without E2E protection (diagnostics) are sent with
+                their start values if a step does not return them, so that a simple ECU may leave them out.
             plan: the faults of the run.
-            clock: tells the time (s) that the wait for inputs is measured by.
+            clock: time (s) for the wait for inputs.
 
         Raises:
             BadInput: an input does not exist on these buses or has no alive counter.
@@ -75,7 +75,7 @@ class EcuNode:
 
     @property
     def begun(self) -> bool:
-        """Whether a BenchSync has come."""
+        """Whether a BenchSync has arrived."""
         return self._inbox.opened >= 0 or self._inbox.stopped
 
     @property
@@ -93,18 +93,18 @@ class EcuNode:
 
     @property
     def rest_until(self) -> float:
-        """In real time: nothing concerns an ECU that has stepped, but the next BenchSync."""
+        """In real time, when to poll again after a step: until then an ECU only waits for the next BenchSync."""
         inbox = self._inbox
         return inbox.opened_at + REST_S if inbox.realtime and inbox.cycle > inbox.opened else 0.0
 
     def poll(self) -> bool:
-        """Take in what has arrived and step for each cycle that this completes; whether anything had arrived.
+        """Receive frames, step for each completed cycle, and return whether anything had arrived.
 
-        In real time a step comes also when the wait for its inputs is over, and cycles that are over are left out.
+        In real time, a step also runs when the wait for its inputs has timed out, and past cycles are skipped.
 
         Raises:
-            BadInput: the ECU sends on a bus it is not on.
-            EncodeError: the ECU sends a message that the bus's DBC does not have.
+            BadInput: the ECU sends on a bus to which it is not connected.
+            EncodeError: the ECU sends a message that is not in the DBC of the bus.
         """
         inbox = self._inbox
         arrived = inbox.drain()
@@ -142,7 +142,7 @@ class EcuNode:
             warnings.warn(text, SentNaN, stacklevel=2)
 
     def _keep_silent(self, topic: Topic, can_id: int, cycle: int, *, lockstep: bool) -> None:
-        """Say that the ECU has nothing to say: in virtual time the others would wait for it."""
+        """Report a message as absent: in lockstep the others would wait for it."""
         if lockstep:
             self._outbox.absent(topic.bus, can_id, cycle)
         if topic not in self._silent:

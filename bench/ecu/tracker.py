@@ -28,47 +28,47 @@ NextReference = tuple[float, float]
 """v_x (m/s) and yaw rate (rad/s)."""
 
 FOLLOWS_MPS = 1.0
-"""How far (m/s) the reference of a vehicle that slows down may be off its speed."""
+"""Largest difference (m/s) between the reference of a vehicle that slows down and its speed."""
 
 STEERING_RAD = 1e-3
-"""Difference (rad) between the angle commanded and the one reported that is no quantisation."""
+"""Difference (rad) between commanded and reported angle that exceeds quantisation."""
 
 STEERING_CYCLES = 2
-"""Cycles in a row of such a difference after which the steering is taken to be stuck."""
+"""Number of consecutive cycles with such a difference after which the steering counts as stuck."""
 
 STEERING_RECOVERY_CYCLES = 50
-"""Cycles in a row that it must be as commanded before it is believed again."""
+"""Number of consecutive cycles in which it must be as commanded before it is trusted again."""
 
 UNANSWERED_CYCLES = 3
-"""Cycles in a row that the actuators have had no commands of this ECU, after which that is a fault."""
+"""Number of consecutive cycles in which the actuators received no commands of this ECU that count as a fault."""
 
 DISTURBANCE = np.array([1.0, 4.0, 3.5])
-"""Disturbances (m/s^2, m/s^2, rad/s^2) beyond those of any allowed cornering stiffness: something is broken."""
+"""Disturbances (m/s^2, m/s^2, rad/s^2) above those of any allowed cornering stiffness, which indicate a defect."""
 
 DISTURBANCE_CYCLES = 5
-"""Cycles in a row of such a disturbance that it takes."""
+"""Number of consecutive cycles with such a disturbance that indicate a defect."""
 
 SLIDING_SLIP_RAD = 0.06
 """Slip angle at which a front tyre saturates on ice (brush tyre, adhesion 0.2, half the axle's load and stiffness)."""
 
 CALM_CYCLES = 100
-"""Cycles without a disturbance beyond measure after which the vehicle is taken not to slide."""
+"""Number of cycles without such a disturbance after which the vehicle counts as not sliding."""
 
 
 class TrackerEcu:
     """The paper's tracking level as an ECU.
 
     States: *init* until the first reference; *run*; *degraded* while the reference is missing (the last one is held) or
-    degraded, a sensor is replaced by its redundancy, or the feedback is a fallback; *safe* while the reference is lost
-    or the steering does not answer: it slows down in its lane; and while the own motion is not known: no command is
-    given, and the actuators hold and then go to their own safe state. `docs/states.md` has it all.
+    degraded, a sensor is replaced by redundant sources, or the feedback is a fallback; *safe* while the reference is
+    lost or the steering does not respond (it slows down in its lane), and while the own motion is unknown (it sends no
+    valid command; the actuators hold and then enter their own safe state). See `docs/states.md`.
     """
 
     def __init__(self, vehicle: int, scenario: Scenario) -> None:
-        """Make the tracker of vehicle number `vehicle` (from 1).
+        """Create the tracker of vehicle number `vehicle` (from 1).
 
         Raises:
-            ValueError: the tracker's settings do not go together.
+            ValueError: the tracker's settings are inconsistent.
         """
         self.name = EcuSlot("tracker", vehicle).name
         self._bus = vehicle_bus(vehicle)
@@ -97,7 +97,7 @@ class TrackerEcu:
 
     @staticmethod
     def warm_up() -> None:
-        """Load the compiled functions by using them once, which processes forked afterwards need not do again."""
+        """Load the compiled functions by calling them once, for all processes forked afterwards."""
         tracker = Tracker(TrackerSettings(), VehicleParameters(), CYCLE_S)
         tracker.step(np.array([20.0, 0.0, 0.0]), (20.0, 0.0), (20.1, 0.01))
 
@@ -139,7 +139,7 @@ class TrackerEcu:
         return self._tracker.step(xi, self._now or (own.v_x, own.yaw_rate), then, applied)
 
     def _next_reference(self, frame: Signals | None, own: OwnState | None) -> tuple[NextReference | None, Cause]:
-        """The next cycle's reference, the last one where none came, and what is wrong with it."""
+        """Return the next cycle's reference, the last one if none arrived, and the fault of it."""
         usable = frame is not None and frame["ReferenceState"] != ReferenceState.NONE
         if frame is not None and usable and possible(self._limits, frame, ("YawRate",)):
             self._reference_age = 0
@@ -153,13 +153,13 @@ class TrackerEcu:
         return self._now, Cause.REFERENCE_MISSING
 
     def _slower(self, own: OwnState) -> NextReference:
-        """The next reference on the way to a crawl in the lane."""
+        """Return the next reference while slowing down to a crawl in the lane."""
         v, gamma = self._now or (own.v_x, own.yaw_rate)
         v = min(max(v, own.v_x - FOLLOWS_MPS), own.v_x + FOLLOWS_MPS)
         return slow_down(v, gamma, own.course, self._braking, self._crawl, CYCLE_S)
 
     def _watch_steering(self, status: Signals | None) -> Cause:
-        """Whether the actuators do as they are told."""
+        """Return ACTUATOR_FAULT if the actuators do not follow their commands."""
         if status is None:
             return Cause.NONE
         active = ActuatorState(int(status["ActuatorState"])) is ActuatorState.ACTIVE
@@ -173,7 +173,7 @@ class TrackerEcu:
         return Cause.ACTUATOR_FAULT if faulty else Cause.NONE
 
     def _really_applied(self, status: Signals | None) -> NDArray[np.float64]:
-        """The virtual input that acted since the last step, as the actuators report it."""
+        """Return the virtual input applied since the last step, as reported by the actuators."""
         state = ActuatorState.HOLD if status is None else ActuatorState(int(status["ActuatorState"]))
         if state is ActuatorState.ACTIVE and self._commanded is not None:
             self._applied = self._commanded
@@ -184,7 +184,7 @@ class TrackerEcu:
         return self._applied
 
     def _doubts(self, out: TrackerOutput | None) -> Cause:
-        """What the tracking itself tells of the vehicle and the solver."""
+        """Return the fault of vehicle or solver that the tracking shows."""
         broken = out is not None and bool((np.abs(out.disturbance) > DISTURBANCE).any())
         self._disturbed = self._disturbed + 1 if broken else 0
         self._calm = 0 if self._disturbed >= DISTURBANCE_CYCLES else self._calm + 1
@@ -194,11 +194,11 @@ class TrackerEcu:
 
     @property
     def _sliding(self) -> bool:
-        """Whether the vehicle has lately not done what tyres on a road would do."""
+        """Whether a disturbance has recently exceeded what the tyres can cause."""
         return self._calm < CALM_CYCLES
 
     def _within_grip(self, steering: float, own: OwnState) -> float:
-        """Keep the front wheels where a tyre that slides has its greatest side force: beyond it has only less say."""
+        """Limit the steering angle to the largest side force of a sliding tyre, which falls at larger slip angles."""
         way = math.atan2(own.v_y + self._parameters.l_f * own.yaw_rate, max(own.v_x, 1.0))
         return min(max(steering, way - SLIDING_SLIP_RAD), way + SLIDING_SLIP_RAD)
 

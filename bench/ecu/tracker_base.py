@@ -1,4 +1,4 @@
-"""The base of one's own tracker: it is called with the motion and the reference, and answers with a command."""
+"""Base class of a custom tracker, which computes a command from motion and reference."""
 
 from abc import abstractmethod
 from collections.abc import Iterable
@@ -12,13 +12,13 @@ from bench.ecu.limits import timeout_cycles
 
 
 class TrackerBase(EcuBase):
-    """A tracker: what makes the vehicle follow the reference.
+    """A tracker, which makes the vehicle follow the reference.
 
-    It calls `control` in every cycle in which the own motion is known, with the newest reference. States, on the bus in
+    It calls `control` in every cycle in which the own motion is known, with the newest reference. States, sent in
     `TrackerStatus`: *init* until the first reference; *run*; *degraded* while the reference is missing or its
     state is None (the last one is held for the message's timeout in the DBC), or marked as degraded; *safe* while the
-    own motion is missing or there is no reference any more. In *init* and *safe* the commands say that they are not to
-    be used: the actuators hold what they have, then go to their safe state.
+    own motion is missing or the reference is lost. In *init* and *safe* the commands are marked invalid: the actuators
+    hold their last values, then enter their safe state.
     """
 
     role: ClassVar[str] = "tracker"
@@ -30,7 +30,7 @@ class TrackerBase(EcuBase):
     def control(self, motion: Motion, reference: Reference) -> Command:
         """Return this cycle's command.
 
-        The outcome must follow from the arguments and earlier calls alone: no clock, no I/O.
+        The result must depend only on the arguments and earlier calls: no clock, no I/O.
         """
 
     def _own_inputs(self) -> Iterable[Topic]:
@@ -49,7 +49,7 @@ class TrackerBase(EcuBase):
         return self._outgoing(command.messages(validity)), state
 
     def _listen(self) -> EcuState:
-        """Take in the reference; the state that follows from it."""
+        """Process the reference and return the resulting state."""
         frame = self.received(REFERENCE)
         if frame is not None and frame["ReferenceState"] != ReferenceState.NONE:
             self._reference, self._held_cycles = Reference.read(frame), 0

@@ -30,7 +30,7 @@ def test_a_class_comes_from_a_module_or_a_file() -> None:
         ("/no/such/file.py:Here", "no file /no/such/file.py"),
         (f"{SIMPLE}:Here", "has no class Here"),
         ("json:dumps", "json has no class dumps"),
-        ("json:JSONEncoder", "the class JSONEncoder is no ECU, it has no method step"),
+        ("json:JSONEncoder", "the class JSONEncoder is not an ECU: it has no method step"),
     ],
 )
 def test_what_cannot_be_loaded_is_said(spec: str, message: str) -> None:
