@@ -336,7 +336,7 @@ def table_of(rows: Sequence[Comparison]) -> Table:
     )
     found.add_column("")
     headings = ("error\nat most", "step\nms", "FMU's\nsolver", "error", "time", "scipy's solver", "error", "time")
-    for heading in (*headings, "wanted", "least", "median"):
+    for heading in (*headings, "target", "min", "median"):
         found.add_column(heading, justify="right")
     for row in rows:
         ratio = ratio_figure("", "", row.their_seconds, row.our_seconds)

@@ -73,7 +73,7 @@ def table_of(title: str, figures: Sequence[Figure]) -> Table:
     """Return a table with a row for each metric."""
     table = Table(title=title, title_justify="left")
     table.add_column("")
-    for heading in ("wanted", "least", "median", "9th decile"):
+    for heading in ("target", "min", "median", "9th decile"):
         table.add_column(heading, justify="right")
     for figure in figures:
         measured = (figure.least, figure.median, figure.high)

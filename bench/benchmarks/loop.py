@@ -63,10 +63,10 @@ def record(
 
 
 def timing(runs: Sequence[Run]) -> Table:
-    """Return the table of wall-clock figures, a column for each run."""
+    """Return the table of wall-clock metrics, a column for each run."""
     table = Table(title="formation over udp: wall-clock times", title_justify="left")
     table.add_column("median / p99")
-    table.add_column("wanted", justify="right")
+    table.add_column("target", justify="right")
     for number in range(1, len(runs) + 1):
         table.add_column(f"run {number}", justify="right")
     for title, wanted, message, signal in (
@@ -91,7 +91,7 @@ def deadlines(recorded: Run) -> Table:
     times = keeping(recorded)
     if times is None:
         raise ValueError("only a real-time run has deadlines")
-    share = f"{100 * times.miss_rate:.3f} % of the ECUs' deadlines missed (wanted: below 0.1 %)"
+    share = f"{100 * times.miss_rate:.3f} % of the ECUs' deadlines missed (target: below 0.1 %)"
     table = Table(title=f"formation over udp in real time, {REALTIME_S} s: {share}", title_justify="left")
     table.add_column("node")
     for heading in ("response p50 / p99 / largest", "jitter", "missed"):

@@ -87,7 +87,7 @@ def recording(source: Path, folder: Path, times: int = 8) -> Table:
     found = Run(log)
     logged = sum(found.log.count(f"/can/{bus}") for bus in found.buses)
     table = Table(title="recording as fast as possible", title_justify="left")
-    for heading in ("frames", "in the log", "frames/s", "wanted", "a frame", "log"):
+    for heading in ("frames", "in the log", "frames/s", "target", "per frame", "log"):
         table.add_column(heading, justify="right")
     size = f"{log.stat().st_size / given:.0f} bytes a frame"
     table.add_row(str(given), str(logged), f"{given / elapsed:.0f}", "50000", seconds_text(used / given), size)
@@ -100,7 +100,7 @@ def shares(run: Run) -> Table:
     times_s, cpu_s = run.signal("processes.conductor.cpu_time")
     title = f"{run.vehicles} vehicles in real time: CPU time over wall-clock time"
     table = Table(title=title, title_justify="left")
-    for heading in ("", "wanted", "of a core"):
+    for heading in ("", "target", "of a core"):
         table.add_column(heading, justify="right" if heading else "left")
     recorded = float(run.result["recorder_cpu_s"]) / float(run.result["wall_s"])
     table.add_row("frames, signals, truth and events to the log", "10 %", f"{100 * recorded:.1f} %")
@@ -202,7 +202,7 @@ def memory(log: Path, frames: int) -> Table:
     """Return the peak memory of processes that read a log of `frames` frames."""
     title = f"memory while reading a log of {log.stat().st_size / 1e9:.2f} GB, {frames} frames"
     table = Table(title=title, title_justify="left")
-    for heading in ("", "wanted", "peak", "time"):
+    for heading in ("", "target", "peak", "time"):
         table.add_column(heading, justify="right" if heading else "left")
     for what, code in _READ.items():
         started = time.perf_counter()
