@@ -1,10 +1,12 @@
 """What a tracker's outbox sends with faults at work, cycle by cycle."""
 
+from random import Random
+
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import Outbox
-from bench.faults.base import Fault
+from bench.faults.base import Fault, FrameContext
 from bench.faults.plan import FaultPlan
 
 CODECS = load_codecs(2)
@@ -49,3 +51,19 @@ def absences(came: Sent, cycle: int) -> list[int]:
 
 def on(**changes: object) -> dict[str, object]:
     return {"at_s": START / 100, "bus": "veh1", "message": "SteeringCommand"} | changes
+
+
+class Loaded(Random):
+    """Dice that give the same number whenever they are thrown."""
+
+    def __init__(self, number: float) -> None:
+        super().__init__()
+        self._number = number
+
+    def random(self) -> float:
+        return self._number
+
+
+def frame(number: float, cycle: int = START) -> FrameContext:
+    """A frame whose dice give this number."""
+    return FrameContext(bus="veh1", can_id=0x300, cycle=cycle, first=START, dice=lambda: Loaded(number))

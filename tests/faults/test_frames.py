@@ -1,11 +1,14 @@
 """What becomes of frames on their way, with each fault that can befall them."""
 
+import math
+
 import pytest
 
 from bench.bus import e2e
 from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import Outbox
+from bench.faults.base import LOST, ON_TIME, Memory
 from bench.faults.frames import (
     CounterStuck,
     FrameCorrupt,
@@ -18,7 +21,7 @@ from bench.faults.frames import (
 from bench.faults.nodes import BusOff
 from bench.faults.plan import FaultPlan
 from bench.faults.vehicles import IcePatch
-from tests.faults.sending import CODEC, CODECS, CYCLES, START, absences, angles, names, on, sent
+from tests.faults.sending import CODEC, CODECS, CYCLES, START, Loaded, absences, angles, frame, names, on, sent
 
 TURNS = GilbertElliott(to_bad=1.0, to_good=1.0, loss_bad=1.0, loss_good=0.0)
 
@@ -179,3 +182,47 @@ def test_the_second_of_a_pair_whose_first_was_lost_takes_its_place_too() -> None
     came = sent(FrameLoss(**on(for_s=0.01)), FrameReorder(**on()))
     pairs = [angles(came, cycle) for cycle in range(START, START + 4)]
     assert pairs == [[], [START + 1] * 2, [], [START + 3, START + 2]]
+
+
+P = 0.25
+BELOW = math.nextafter(P, 0.0)
+
+
+def test_a_frame_is_hit_where_the_dice_give_less_than_the_probability() -> None:
+    loss, copies = FrameLoss(**on(probability=P)), FrameDuplicate(**on(copies=2, probability=P))
+    corrupt = FrameCorrupt(**on(probability=P))
+    assert [loss.passage(b"", frame(number), {}) for number in (0.0, BELOW, P)] == [LOST, LOST, ON_TIME]
+    assert [copies.extra(frame(number)) for number in (0.0, BELOW, P)] == [2, 2, 0]
+    assert [corrupt.on_bytes(bytes(8), frame(number)) != bytes(8) for number in (0.0, BELOW, P)] == [True, True, False]
+
+
+@pytest.mark.parametrize("was_bad", [False, True])
+def test_a_channel_changes_where_the_dice_give_less_than_the_probability(was_bad: bool) -> None:
+    channel = GilbertElliott(to_bad=P, to_good=P)
+    for number, changes in ((0.0, True), (BELOW, True), (P, False)):
+        memory: Memory = {"bad": was_bad}
+        is_bad = was_bad is not changes
+        # A bad channel loses every frame, a good one none.
+        assert channel.loses(memory, Loaded(number)) is is_bad
+        assert memory == {"bad": is_bad}
+
+
+@pytest.mark.parametrize("is_bad", [False, True])
+def test_a_channel_loses_a_frame_where_the_dice_give_less_than_its_loss(is_bad: bool) -> None:
+    loss = {"loss_bad": P, "loss_good": 1.0} if is_bad else {"loss_bad": 1.0, "loss_good": P}
+    channel = GilbertElliott(to_bad=1e-9, to_good=1e-9, **loss)
+    assert [channel.loses({"bad": is_bad}, Loaded(number)) for number in (1e-9, BELOW, P)] == [True, True, False]
+
+
+def test_a_channel_begins_good() -> None:
+    memory: Memory = {}
+    assert not GilbertElliott(to_bad=P, to_good=P).loses(memory, Loaded(P))
+    assert memory == {"bad": False}
+
+
+@pytest.mark.parametrize("length", [1, 3, 8])
+def test_of_a_short_frame_at_most_all_bits_are_turned_over(length: int) -> None:
+    corrupt = FrameCorrupt(**on(bits=64))
+    clean = bytes(range(length))
+    turned = corrupt.on_bytes(clean, FaultPlan([corrupt]).context(0, "veh1", 0x300, START))
+    assert turned == bytes(0xFF ^ byte for byte in clean)

@@ -71,3 +71,22 @@ def test_what_a_node_babbles_follows_from_the_plan() -> None:
         babble = [data for name, _, data in came[cycle] if name == "0x080"]
         assert babble == [*idiot.payloads(plan.chance(1, "veh1", 0x80, cycle))]
         assert len(set(babble)) == 3
+        assert {len(data) for data in babble} == {8}
+
+
+@pytest.mark.parametrize(
+    ("room", "starved"),
+    [
+        (6, set()),
+        (5, {0x300}),
+        (4, {0x200, 0x300}),
+        (3, {0x200, 0x300}),
+        (2, {0x200, 0x300}),
+        (1, {0x100, 0x200, 0x300}),
+        (0, {0x80, 0x100, 0x200, 0x300}),
+    ],
+)
+def test_what_has_no_room_beside_the_babble_starves_by_priority(room: int, starved: set[int]) -> None:
+    """An equal or lower identifier goes first, then the babble, then the rest as far as there is room."""
+    idiot = BabblingIdiot(at_s=0.0, node="veh1.planner", identifier=0x100, frames_per_cycle=2)
+    assert idiot.starved("veh1", (0x80, 0x100, 0x200, 0x300), room) == starved

@@ -1,8 +1,11 @@
 """Signals that are wrong under a good CRC and counter, and sensors that send nothing."""
 
+import math
+
 from bench.bus import e2e
+from bench.faults.base import LOST, ON_TIME
 from bench.faults.sensors import SensorBias, SensorDropout, SensorNoise, SignalStuck
-from tests.faults.sending import CYCLES, START, absences, angles, on, sent
+from tests.faults.sending import CYCLES, START, absences, angles, frame, on, sent
 
 
 def test_a_stuck_signal_keeps_its_value_under_a_good_crc_and_counter() -> None:
@@ -27,3 +30,6 @@ def test_a_sensors_bias_and_noise_are_in_the_signals_unit() -> None:
 
 def test_a_sensors_dropout_is_a_frame_not_sent() -> None:
     assert absences(sent(SensorDropout(**on())), START) == [0x300]
+    sometimes = SensorDropout(**on(probability=0.25))
+    numbers = (0.0, math.nextafter(0.25, 0.0), 0.25)
+    assert [sometimes.passage(b"", frame(number), {}) for number in numbers] == [LOST, LOST, ON_TIME]
