@@ -126,7 +126,7 @@ def info(
     show_info(found)
 
 
-@fmu_app.command(epilog="Exit codes: 0 all figures met, 1 some missed, 2 bad input.")
+@fmu_app.command(epilog="Exit codes: 0 all metrics passed, 1 some failed, 2 bad input.")
 def report(
     fmu: Annotated[Path | None, typer.Argument(help="The FMU; the bench's own if not given.")] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the FMU if not given.")] = None,
@@ -145,8 +145,8 @@ def report(
         raise BadInput(str(error)) from error
     write_text(target, found.page)
     typer.echo(str(target))
-    for figure in found.missed:
-        typer.echo(f"platoon: missed: {figure.name}", err=True)
+    for metric in found.missed:
+        typer.echo(f"platoon: failed: {metric.name}", err=True)
     if found.missed:
         raise typer.Exit(1)
 

@@ -190,13 +190,13 @@ def test_a_missed_figure_is_shown_and_the_exit_code_is_1(deceiving):
     folder, done = deceiving
     assert done.returncode == 1, done.stdout + done.stderr
     assert done.stdout == "deceiving.html\n"
-    assert "platoon: missed: Understeer gradient\n" in done.stderr
+    assert "platoon: failed: Understeer gradient\n" in done.stderr
     text = (folder / "deceiving.html").read_text(encoding="utf-8")
     found = Page(text)
     asked = found.sections["summary"]["figures"]
     missed = found.sections["summary"]["text"].count("FAIL")
     assert f"{missed} of {asked} metrics failed." in text
-    assert 0 < missed == done.stderr.count("missed:") < asked
+    assert 0 < missed == done.stderr.count("failed:") < asked
     for name in ("circular", "step-steer", "stability"):
         assert "FAIL" in found.sections[name]["text"]
     # What C_f has no part in is met all the same.
