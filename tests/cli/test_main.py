@@ -232,7 +232,7 @@ def test_fmu_build_tells_its_steps_and_takes_a_version_and_platforms(tmp_path, r
     generating, compiling = done.stderr.splitlines()
     assert "generating" in generating
     assert "compiling for" in compiling
-    assert "known are native, x86_64-linux" in refused("fmu", "build", "--platform", "vax", cwd=tmp_path)
+    assert "allowed: native, " in refused("fmu", "build", "--platform", "vax", cwd=tmp_path)
     assert "--fmi" in refused("fmu", "build", "--fmi", "4", cwd=tmp_path)
 
 
