@@ -1,7 +1,7 @@
-"""The wall clock of a real-time run, a process of its own: BenchSync on all buses every 10 ms, whatever the others do.
+"""The wall clock of a real-time run, a separate process: BenchSync on all buses every 10 ms, whatever the others do.
 
-Every cycle has an absolute deadline, the start of the run plus its number times 10 ms, so a late BenchSync makes no
-other one late and nothing drifts.
+Every cycle has an absolute deadline, the start of the run plus its number times 10 ms, so a late BenchSync delays no
+other and nothing drifts.
 """
 
 import select
@@ -26,14 +26,14 @@ CLOCK = "clock"
 
 
 START_NS = 50_000_000
-"""From being ready to the first cycle: the conductor sets the others' priorities meanwhile."""
+"""Time from being ready to the first cycle, in which the conductor sets the priorities of the others."""
 
 PRIORITY = 80
 """SCHED_FIFO priority of this process, above all others of the bench."""
 
 
 def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Address) -> None:
-    """Send BenchSync of `cycles` cycles, then wait until the conductor stops the run or is gone.
+    """Send BenchSync of `cycles` cycles, then wait until the conductor stops the run or ends.
 
     Raises:
         BadInput: a bus cannot be opened.
@@ -42,7 +42,7 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
     codecs = load_codecs(vehicles)
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
-        # The only other one to send BenchSync is the conductor, for the end of the run; it does so on all buses.
+        # Only the conductor also sends BenchSync, to end the run, on all buses.
         sync_id = codecs[V2V].can_id(BENCH_SYNC)
         for link in links.values():
             link.select([sync_id] if link is links[V2V] else [])
@@ -61,15 +61,15 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
 
 
 def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, CanFrame]:
-    """BenchSync of a cycle on every bus."""
+    """Return the BenchSync of a cycle for every bus."""
     values = {"Command": BenchCommand.RUN_REALTIME, "Cycle": cycle, "Time": time_of(cycle)}
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
 
 
 def _told_to_stop(lifeline: int, link: Link, sync_id: int, timeout_s: float | None) -> bool:
-    """Whether the conductor has sent its own BenchSync, or is gone.
+    """Whether the conductor has sent its own BenchSync, or has ended.
 
-    Other frames may come as well, where a link cannot leave them aside.
+    Other frames may arrive as well if a link cannot filter them.
     """
     readable, _, _ = select.select([lifeline, link.fileno()], [], [], timeout_s)
     return lifeline in readable or any(can_id == sync_id for can_id, _ in link.receive())

@@ -1,4 +1,4 @@
-"""What both clocks of a run have in common: whom they conduct, and what they do the same way."""
+"""The common part of both conductors, lockstep and real time."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -20,17 +20,17 @@ from bench.cycle import time_of
 from bench.events import EcuFailed
 from bench.names import PLANT
 
-if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 PROGRESS_CYCLES = 10
 """Cycles between two calls of the progress function."""
 
 _NEEDED = frozenset((PLANT, CLOCK))
-"""Processes without which no run goes on."""
+"""Processes without which no run can continue."""
 
 OnProgress = Callable[[float], None]
-"""Told the simulated time in s now and then."""
+"""Called periodically with the simulated time in s."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Means:
     Attributes:
         links: its ends of the buses, by name.
         codecs: codec of every bus.
-        vehicles: how many.
+        vehicles: number of vehicles.
         silence_s: longest wall-clock time in s without a frame.
-        desk: where faults are taken in.
-        free: the slots of ECUs that somebody starts by hand.
-        go_on: whether the run goes on without an ECU that has failed.
+        desk: receives faults.
+        free: the slots of ECUs started by hand.
+        go_on: whether the run continues without an ECU that has failed.
     """
 
     links: Mapping[str, Link]
@@ -62,7 +62,7 @@ class Conductor(ABC):
     Attributes:
         cycle: number of the newest cycle.
         misses: missed deadlines by name: of an ECU, or of the plant on one bus (veh1.plant); empty in virtual time.
-        scheduling: in real time what the kernel has granted, in words.
+        scheduling: in real time, the scheduling that the kernel has granted, as text.
     """
 
     def __init__(self, means: Means) -> None:
@@ -82,7 +82,7 @@ class Conductor(ABC):
     @property
     @abstractmethod
     def cycles(self) -> int:
-        """How many cycles the run has had."""
+        """Number of cycles of the run so far."""
 
     @property
     @abstractmethod
@@ -94,9 +94,9 @@ class Conductor(ABC):
         """Conduct `cycles` cycles, then stop the nodes.
 
         Args:
-            crew: does the work.
-            recorder: takes every cycle.
-            cycles: how many.
+            crew: runs plant and ECUs.
+            recorder: records every cycle.
+            cycles: number of cycles.
             on_progress: see there.
 
         Raises:
@@ -106,11 +106,11 @@ class Conductor(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Tell the nodes to stop, before the end of the run."""
+        """Stop the nodes before the end of the run."""
 
     @abstractmethod
     def record_rest(self, recorder: "Recorder") -> None:
-        """Record what has come of cycles that were not recorded."""
+        """Record the frames of cycles not recorded yet."""
 
     @abstractmethod
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
@@ -138,7 +138,7 @@ class Conductor(ABC):
         return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"
 
     def _leave_out(self, names: Sequence[str], crew: Crew, text: str) -> EcuFailed | None:
-        """Go on without ECUs that have failed, as `text` says, and return that event; None where the run cannot."""
+        """Continue without ECUs that have failed, for the reason `text`; return the event, None if the run cannot."""
         if not self._go_on or not names or not _NEEDED.isdisjoint(names):
             return None
         for name in names:

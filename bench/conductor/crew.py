@@ -1,4 +1,4 @@
-"""Those who do the work of a run, as the conductor sees them; here as processes of their own."""
+"""The plant and the ECUs of a run, as seen by the conductor; here as separate processes."""
 
 import json
 import os
@@ -25,36 +25,36 @@ from bench.conductor.linux import enlarge_pipe
 from bench.errors import RunFailed
 
 LAST_WORDS_BYTES = 8192
-"""What is kept of the end of a process's standard error."""
+"""Number of bytes kept from the end of a process's standard error."""
 
 KILL_S = 5.0
 """Wall-clock time in s within which the end of a killed process is reported."""
 
 RESTART_S = 60.0
-"""Wall-clock time in s that an ECU may take to start anew."""
+"""Wall-clock time in s that an ECU may take to restart."""
 
 _FORK_SERVER = "fork server"
 _THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class Ended(RunFailed):
-    """A process ended that should have gone on.
+    """A process ended unexpectedly.
 
     Attributes:
-        names: the processes; empty where it is not known which.
+        names: the processes; empty if unknown.
     """
 
     def __init__(self, text: str, names: Sequence[str] = ()) -> None:
-        """Say what happened, and to which processes."""
+        """Create the error with its text and the processes concerned."""
         super().__init__(text)
         self.names = tuple(names)
 
 
 class Listener(Protocol):
-    """Takes what a crew brings."""
+    """Receives frames, truth rows and output from a crew."""
 
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Take frames that have come on a bus."""
+        """Take frames received on a bus."""
 
     def truth(self, row: Truth) -> None:
         """Take a truth row."""
@@ -68,11 +68,11 @@ class Crew(Protocol):
 
     @property
     def inputs(self) -> Mapping[str, Sequence[Topic]]:
-        """What each process takes, by its name."""
+        """The inputs of each process, by its name."""
 
     @property
     def pids(self) -> Mapping[str, int]:
-        """Process numbers of those that are processes of their own and alive, by name."""
+        """Process numbers of the separate, live processes, by name."""
 
     def wait_ready(self, timeout_s: float) -> None:
         """Wait until all listen on their buses.
@@ -83,7 +83,7 @@ class Crew(Protocol):
         """
 
     def attend(self, timeout_s: float) -> bool:
-        """Wait for frames and hand on all that comes; False where none came for `timeout_s` s, or none can come.
+        """Wait for frames and pass on all input; return False if no frame came for `timeout_s` s, or none can come.
 
         Raises:
             RunFailed: one of them ended or failed.
@@ -91,10 +91,10 @@ class Crew(Protocol):
         """
 
     def kill(self, name: str) -> None:
-        """Kill an ECU, as a fault has it; from here on its end is no failure."""
+        """Kill an ECU for a fault; its end is not a failure."""
 
     def restart(self, name: str) -> None:
-        """Start an ECU anew that has been killed, and wait until it listens on its buses.
+        """Restart a killed ECU, and wait until it is listening on its buses.
 
         Raises:
             RunFailed: it ended, or is not ready in time.
@@ -102,18 +102,18 @@ class Crew(Protocol):
         """
 
     def pause(self, name: str) -> None:
-        """Stop an ECU where it is; it does nothing more, and does not know."""
+        """Suspend an ECU (SIGSTOP); it does not notice."""
 
     def resume(self, name: str) -> None:
-        """Let an ECU go on that was stopped."""
+        """Resume a stopped ECU."""
 
     def excuse(self, name: str) -> None:
-        """Do not fail because of what this ECU does or does not do from here on."""
+        """Ignore this ECU's failures from now on."""
 
     def stop(self, grace_s: float) -> list[str]:
-        """See to the end of all of them, who have been told to stop; kill those that have not after `grace_s` s.
+        """Wait for all processes to end after the stop command; kill those still alive after `grace_s` s.
 
-        Returns what went wrong with it, a sentence each.
+        Returns the problems, a sentence each.
         """
 
 
@@ -122,10 +122,10 @@ class Member:
     """A process to be started.
 
     Attributes:
-        name: as in messages to a person.
+        name: name in messages.
         target: `module:function` to run in it, see `Child`.
-        arguments: for the function, besides the `ControlChannel`.
-        early: whether it is started before what the others share is imported.
+        arguments: arguments of the function, after the `ControlChannel`.
+        early: whether it is started before the shared imports.
         on_call: whether it is started only by `Crew.restart`.
     """
 
@@ -138,7 +138,7 @@ class Member:
 
 @dataclass
 class _Process:
-    """A member under watch."""
+    """A monitored process."""
 
     stderr: int
     words: bytearray = field(default_factory=bytearray)
@@ -149,9 +149,9 @@ class _Process:
 
 
 class ProcessCrew:
-    """A crew of processes, all forked from one fork server (see there).
+    """A crew of processes, all forked from one fork server (`bench.conductor.fork_server`).
 
-    A context manager: at its end nothing of the crew is left, however the run went.
+    A context manager: at its end all processes have ended, however the run went.
     """
 
     def __init__(
@@ -168,9 +168,9 @@ class ProcessCrew:
         Args:
             members: the processes.
             preload: ECU classes to import once for all.
-            links: the conductor's links, whose frames go to `listener`.
-            listener: takes what comes.
-            interrupts: ends the waiting.
+            links: the conductor's links, whose frames are passed to `listener`.
+            listener: receives frames, truth rows and output.
+            interrupts: signals that end the waiting.
             board: file descriptor of the fault board.
         """
         self._inputs: dict[str, Sequence[Topic]] = {}
@@ -192,7 +192,7 @@ class ProcessCrew:
         )
         for member in members:
             if member.on_call:
-                # Nobody waits for what has not been started, to begin or to end.
+                # Do not wait for processes that have not been started.
                 self._processes[member.name].excused, self._processes[member.name].code = True, 0
         try:
             setup = Setup(children, tuple(preload), reports, orders, board, os.getpid())
@@ -210,7 +210,7 @@ class ProcessCrew:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Kill what is left of the crew."""
+        """Kill the remaining processes."""
         self.close()
 
     @property
@@ -293,14 +293,14 @@ class ProcessCrew:
         """See `Crew`."""
         for name, process in self._members():
             if process.excused:
-                # It may be stopped, or hang: nobody waits for it.
+                # It may be stopped, or hang: do not wait for it.
                 self._signal(name, signal.SIGKILL)
         for link in self._listening:
             self._selector.unregister(link.fileno())
         self._listening.clear()
         self._await_end(grace_s)
         problems = [
-            f"{self._end_of(name)} when it was to stop{self._last_words(name)}"
+            f"{self._end_of(name)} while stopping{self._last_words(name)}"
             for name, process in self._members()
             if process.code and not process.excused
         ]
@@ -309,7 +309,7 @@ class ProcessCrew:
         return problems
 
     def close(self) -> None:
-        """Kill what is left of the crew and close the pipes; harmless when done before."""
+        """Kill the remaining processes and close the pipes; idempotent."""
         if self._reports < 0:
             return
         if self._fork_server.stdin is not None:
@@ -333,7 +333,7 @@ class ProcessCrew:
         return [(name, process) for name, process in self._processes.items() if name != _FORK_SERVER]
 
     def _watch_words(self, name: str) -> int:
-        """Take up the process `name`; return the writing end of the pipe for its standard error."""
+        """Register the process `name`; return the writing end of the pipe for its standard error."""
         reader, writer = os.pipe()
         os.set_blocking(reader, False)
         self._processes[name] = _Process(reader)
@@ -344,7 +344,7 @@ class ProcessCrew:
         self._selector.register(descriptor, selectors.EVENT_READ, handler)
 
     def _select(self, timeout_s: float) -> bool:
-        """Wait once and handle what has come; whether frames were among it."""
+        """Wait once and handle all input; return whether frames were among it."""
         heard = False
         for key, _ in self._selector.select(timeout_s):
             heard |= key.data()
@@ -404,7 +404,7 @@ class ProcessCrew:
         if ended:
             raise Ended("\n".join(f"{self._end_of(name)}{self._last_words(name)}" for name in ended), ended)
         if not self._reports_open:
-            raise Ended(f"the processes' {_FORK_SERVER} ended{self._last_words(_FORK_SERVER)}")
+            raise Ended(f"the {_FORK_SERVER} of the processes ended{self._last_words(_FORK_SERVER)}")
 
     def _await_end(self, timeout_s: float) -> None:
         deadline = time.monotonic() + timeout_s
@@ -421,12 +421,12 @@ class ProcessCrew:
         return f"{name} (process {process.pid}) {how}"
 
     def _last_words(self, name: str) -> str:
-        # The pipe may hold more than has been taken; the process is gone, so this is all there will be.
+        # The pipe may hold unread output; the process has ended, so no more will follow.
         process = self._processes[name]
         while text := _read(process.stderr):
             process.words += text
         words = bytes(process.words[-LAST_WORDS_BYTES:]).decode(errors="replace").strip()
-        return f"; its last words:\n{words}" if words else "; it left no last words"
+        return f"; its last output:\n{words}" if words else "; it printed no error"
 
 
 def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
@@ -440,12 +440,12 @@ def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
             stderr=stderr,
             env=environment,
             pass_fds=(setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
-            # Ctrl-C in a terminal goes to all processes of its group: it is the conductor's business alone.
+            # Ctrl-C in a terminal signals all processes of its group: only the conductor handles it.
             start_new_session=True,
         )
     finally:
         os.close(stderr)
-    # One that has died already is noticed when its pipe for reports ends.
+    # If it has died already, its report pipe ends, which is noticed later.
     with suppress(BrokenPipeError):
         if fork_server.stdin is not None:
             fork_server.stdin.write(pickle.dumps(setup))
@@ -454,7 +454,7 @@ def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
 
 
 def _read(descriptor: int) -> bytes | None:
-    """Read what there is: nothing (b"") at the end of the pipe, None where there is just none now."""
+    """Read the available bytes: b"" at the end of the pipe, None if there are none yet."""
     try:
         return os.read(descriptor, 65536)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""What one cycle of a run consists of: which frames are due, which have come, who keeps the others waiting."""
+"""One cycle of a run: due frames, received frames, and the ECUs that keep the others waiting."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -12,11 +12,11 @@ from bench.faults.plan import FaultPlan
 from bench.names import CONDUCTOR
 
 Due = Mapping[str, Mapping[int, Transmission]]
-"""The frames that a run brings periodically, by bus and identifier."""
+"""The periodic frames of a run, by bus and identifier."""
 
 
 def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int, Transmission]]:
-    """Return what plant and ECUs send periodically, by bus and identifier, as the DBC's cycle times have it."""
+    """Return the periodic messages of plant and ECUs by the DBC's cycle times, by bus and identifier."""
     return {
         bus: {
             each.can_id: each
@@ -28,13 +28,13 @@ def frames_due(codecs: Mapping[str, Codec], vehicles: int) -> dict[str, dict[int
 
 
 class CycleFrames:
-    """Collects the frames of one cycle after the other.
+    """Collects the frames of each cycle in turn.
 
     Attributes:
         number: the cycle being collected.
-        frames: the frames that came, by bus.
-        strays: frames that no cycle should bring, or not again, since `begin`.
-        spoiled: frames still due that have come with a wrong CRC only, by bus and identifier.
+        frames: the frames received, by bus.
+        strays: unexpected or duplicate frames since `begin`.
+        spoiled: due frames received only with a wrong CRC so far, by bus and identifier.
     """
 
     def __init__(self, due: Due, codecs: Mapping[str, Codec], plan: FaultPlan | None = None) -> None:
@@ -58,7 +58,7 @@ class CycleFrames:
         self.spoiled: set[tuple[str, int]] = set()
 
     def begin(self, number: int) -> None:
-        """Collect the cycle `number` from here on."""
+        """Start to collect the cycle `number`."""
         self.number = number
         self._counter = number % COUNTER_MODULUS
         self._missing = {
@@ -73,7 +73,7 @@ class CycleFrames:
         self.spoiled = set()
 
     def _extra_frames(self) -> dict[tuple[str, int], int]:
-        """How many frames more than the one that is due faults bring."""
+        """Number of frames that faults add to the due one."""
         if not self._plan.at(self.number):
             return {}
         extra = {
@@ -85,11 +85,11 @@ class CycleFrames:
 
     @property
     def complete(self) -> bool:
-        """Whether every frame that is due has come."""
+        """Whether all due frames have arrived."""
         return self._count == 0
 
     def take(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Take in frames that have come on `bus`."""
+        """Add frames received on `bus`."""
         self.frames[bus].extend(frames)
         missing, absent_id = self._missing[bus], self._absent_id[bus]
         for can_id, data in frames:
@@ -112,7 +112,7 @@ class CycleFrames:
                 self._count -= 1
 
     def _take_absence(self, bus: str, data: bytes) -> None:
-        """Wait no longer for a frame, if this is the announcement of that."""
+        """Stop waiting for a frame if this announces its absence."""
         codec = self._codecs[bus]
         if len(data) != 8 or not check(data, codec.data_id(BENCH_ABSENT)):
             return
@@ -121,14 +121,14 @@ class CycleFrames:
             self.give_up(bus, int(values["Identifier"]))
 
     def give_up(self, bus: str, can_id: int) -> None:
-        """Wait no longer for a frame of this cycle."""
+        """Stop waiting for a frame of this cycle."""
         self.spoiled.discard((bus, can_id))
         if self._missing[bus].pop(can_id, None) is not None:
             self._count -= 1
         self._count -= self._extra.pop((bus, can_id), 0)
 
     def ordered(self) -> Iterator[BusFrame]:
-        """Give the frames in the order of the log: by bus, then by identifier, whatever order they came in."""
+        """Return the frames in the order of the log: by bus, then by identifier, whatever order they arrived in."""
         for bus, frames in self.frames.items():
             absent_id = self._absent_id[bus]
             # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
@@ -138,14 +138,14 @@ class CycleFrames:
                 yield BusFrame(bus, can_id, data)
 
     def missing(self) -> list[Transmission]:
-        """The frames that have not come."""
+        """The missing frames."""
         return [due for missing in self._missing.values() for due in missing.values()]
 
     def guilty(self, inputs: Mapping[str, Sequence[Topic]]) -> list[str]:
-        """Who keeps the cycle waiting: who has not sent although it has got all its inputs.
+        """The ECUs that keep the cycle waiting: they have received all inputs but have not sent.
 
         Args:
-            inputs: what each process takes, by its name.
+            inputs: the inputs of each process, by its name.
         """
         missing = self.missing()
         not_come = {due.topic for due in missing}
@@ -153,7 +153,7 @@ class CycleFrames:
         return [name for name in senders if not _waits(inputs.get(name, ()), not_come)] or senders
 
     def silent(self, guilty: Sequence[str]) -> str:
-        """Say what the `guilty` have not sent."""
+        """Return a message about the frames that the `guilty` have not sent."""
         missing = self.missing()
         return "; ".join(_silence(name, [due for due in missing if due.sender == name]) for name in guilty)
 

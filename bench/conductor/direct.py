@@ -11,7 +11,7 @@ from bench.errors import BenchError
 
 Inputs = tuple[Topic, ...]
 Maker = Callable[[str], tuple[Node, Inputs]]
-"""Makes a node by its name, and tells what it takes."""
+"""Creates a node by its name, and returns its inputs."""
 
 
 class DirectCrew:
@@ -26,15 +26,15 @@ class DirectCrew:
         listener: Listener,
         interrupts: Interrupts,
     ) -> None:
-        """Make the nodes of the ECUs; nodes are polled in the order given.
+        """Create the nodes of the ECUs; nodes are polled in the order given.
 
         Args:
             plant: the plant's nodes.
             ecus: names of the ECUs.
-            make: makes an ECU's node, also again after a crash.
-            links: the conductor's links, whose frames go to `listener`.
-            listener: takes what comes.
-            interrupts: ends the waiting.
+            make: creates an ECU's node, again after a crash.
+            links: the conductor's links, whose frames are passed to `listener`.
+            listener: receives frames, truth rows and output.
+            interrupts: signals that end the waiting.
         """
         self._plant = plant
         self._make = make
@@ -61,7 +61,7 @@ class DirectCrew:
         """See `Crew`."""
         self._interrupts.check()
 
-    def attend(self, timeout_s: float) -> bool:  # noqa: ARG002 - whoever is silent here stays so
+    def attend(self, timeout_s: float) -> bool:  # noqa: ARG002 - a silent node stays silent
         """See `Crew`."""
         self._interrupts.check()
         progress = False

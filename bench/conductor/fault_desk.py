@@ -1,7 +1,7 @@
-"""Where a running bench takes in faults: those of its scenario, and those that `platoon fault` brings.
+"""The faults of a running bench: those of its scenario, and those that `platoon fault` injects.
 
-A bench listens on an abstract Unix socket (unix(7)) and hears its own user and root. One line of JSON comes in, one
-goes back.
+A bench listens on an abstract Unix socket (unix(7)) and accepts only its own user and root. A request is one line of
+JSON, the answer another.
 """
 
 import json
@@ -25,7 +25,7 @@ from bench.faults.kinds import AnyFault, kinds
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.scenario.fault_targets import target_problems
 
-if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
@@ -36,23 +36,23 @@ _CREDENTIALS = struct.Struct("=3i")
 
 
 def _names() -> str:
-    """Return what the names of this user's benches begin with, among the abstract Unix sockets of this host."""
+    """Return the prefix of this user's benches among the names of abstract Unix sockets on this host."""
     return f"@platoon-{os.getuid()}-"
 
 
 class FaultDesk:
-    """Takes faults in and tells the log of their beginning and end. A context manager, open as long as the run is.
+    """Accepts faults and logs their beginning and end. A context manager, open during the run.
 
     Attributes:
-        plan: all faults known.
+        plan: all known faults.
     """
 
     def __init__(
         self, plan: FaultPlan, board: FaultBoard, vehicles: int, log: Path, without: Collection[str] = ()
     ) -> None:
-        """Take in faults for a run of this many vehicles, known to people by its `log`.
+        """Accept faults for a run with this number of vehicles, identified by its `log`.
 
-        ECUs named in `without` are not the bench's, so it cannot crash or stop them.
+        The bench does not start the ECUs in `without`, so it cannot crash or stop them.
         """
         self._without = without
         self.plan = plan
@@ -63,7 +63,7 @@ class FaultDesk:
         self._told: set[tuple[int, bool]] = set()
 
     def __enter__(self) -> "FaultDesk":
-        """Open the socket; a bench without one runs all the same."""
+        """Open the socket; a bench runs also without one."""
         name = f"{_names()}{os.getpid()}-{'_'.join(self._log.stem.split())[:48]}"
         try:
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -81,7 +81,7 @@ class FaultDesk:
         self._close()
 
     def open(self, cycle: int, recorder: "Recorder") -> None:
-        """Before a cycle begins: take in what has been asked for, and log what begins and ends with it."""
+        """Before a cycle begins: accept requests, and log the faults that begin and end with it."""
         self._serve(cycle, recorder)
         if not self.plan.faults:
             return
@@ -102,7 +102,7 @@ class FaultDesk:
         try:
             connection, _ = self._socket.accept()
         except OSError:
-            # Nobody there, or gone again.
+            # No request, or the sender has gone.
             return
         with connection, suppress(OSError):
             if _user_of(connection) not in (0, os.getuid()):
@@ -119,7 +119,7 @@ class FaultDesk:
             asked = json.loads(line)
             fault = _FAULTS.validate_json(json.dumps({"at_s": now_s, **asked}))
             if fault.at_s < now_s:
-                return {"error": f"at_s = {fault.at_s:g} is over; the run is at {now_s:g} s"}
+                return {"error": f"at_s = {fault.at_s:g} has passed; the run is at {now_s:g} s"}
             problems = target_problems(fault, self._vehicles)
             if problems:
                 return {"error": "; ".join(f"{'.'.join(key)} {text}" for key, text in problems)}
@@ -139,23 +139,23 @@ class FaultDesk:
 
 
 def _abstract(name: str) -> bytes:
-    """Return the address of an abstract socket, which is gone with its process and leaves no file."""
+    """Return the address of an abstract socket, which ends with its process and leaves no file."""
     return b"\0" + name.removeprefix("@").encode()
 
 
 def _user_of(connection: socket.socket) -> int:
-    """Return the number of the user at the other end; an abstract socket has no permissions of its own."""
+    """Return the user ID of the other end; an abstract socket has no permissions."""
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
     return int(_CREDENTIALS.unpack(credentials)[1])
 
 
 def explain_fault(error: ValidationError) -> str:
-    """Return what is wrong with a fault, in words."""
+    """Return the problem of a fault as text."""
     texts = []
     for detail in error.errors(include_url=False):
         path = [str(part) for part in detail["loc"] if part not in kinds()]
         if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
-            texts.append(f"no such kind of fault; there are {', '.join(kinds())}")
+            texts.append(f"no such kind of fault; allowed: {', '.join(kinds())}")
         else:
             texts.append(f"{'.'.join(path)}: {detail['msg']}")
     return "; ".join(texts)
@@ -172,10 +172,10 @@ def running() -> list[str]:
 
 
 def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
-    """Bring a fault to a running bench and return its answer.
+    """Inject a fault into a running bench and return its answer.
 
     Args:
-        run: part of the name of the bench, as in `running`; None where there is only one.
+        run: part of the name of the bench, as in `running`; None if there is only one.
         request: the fault; without `at_s` it begins at once.
 
     Raises:
@@ -183,7 +183,7 @@ def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
     """
     benches = [name for name in running() if run is None or run in name]
     if not benches:
-        which = f"no bench that runs has {run!r} in its name" if run else "no bench of yours is running"
+        which = f"no running bench has {run!r} in its name" if run else "no bench of yours is running"
         raise BadInput(f"{which}; start one with: platoon run")
     if len(benches) > 1:
         raise BadInput(f"several benches are running; name one with --run: {', '.join(benches)}")
@@ -195,14 +195,14 @@ def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
             connection.sendall(json.dumps(request).encode() + b"\n")
             answer: dict[str, Any] = json.loads(_line(connection) or b'{"error": "the run has ended"}')
         except OSError as error:
-            raise BadInput(f"the bench {name} gives no answer: {error}") from error
+            raise BadInput(f"the bench {name} does not answer: {error}") from error
     if "error" in answer:
         raise BadInput(f"the bench {name} refuses the fault: {answer['error']}")
     return answer
 
 
 def _line(connection: socket.socket) -> bytes:
-    """Read one line, or what came before the other side was done."""
+    """Read one line, or the bytes before the other side closed."""
     data = b""
     while not data.endswith(b"\n") and len(data) < _MOST_BYTES:
         part = connection.recv(4096)

@@ -1,8 +1,7 @@
-"""The process that the plant and the ECUs are forked from, so that what all need is imported once.
+"""The process from which the plant and the ECUs are forked, so that shared modules are imported once.
 
-The conductor starts it as a fresh interpreter. It forks the early children at once, imports what the others share,
-forks those, and then only watches: it reports every child that ends, and when the conductor is gone it kills what is
-left.
+The conductor starts it as a fresh interpreter. It forks the early children at once, imports the shared modules, forks
+the other children, and then reports every child that ends; when the conductor ends, it kills the remaining children.
 
 Not multiprocessing's forkserver: that runs the conductor's main module again in every child, which would bring the
 command line and the plant into each ECU, and has the environment of the conductor, whose numpy may use many threads.
@@ -31,12 +30,12 @@ class Child:
     """A process to be forked.
 
     Attributes:
-        name: as in messages to a person.
+        name: name in messages.
         target: `module:function`, called with the child's `ControlChannel` and the arguments.
-        arguments: pickled tuple; only the child unpickles it, with the imports that takes.
-        stderr: file descriptor that its standard output and error go to.
-        early: whether it is forked before the shared imports, as it needs few of them.
-        on_call: whether it is forked only when it is ordered.
+        arguments: pickled tuple; only the child unpickles it, with the imports required.
+        stderr: file descriptor for its standard output and error.
+        early: whether it is forked before the shared imports, because it needs few of them.
+        on_call: whether it is forked only on request.
     """
 
     name: str
@@ -49,13 +48,13 @@ class Child:
 
 @dataclass(frozen=True)
 class Setup:
-    """All that a fork server is told.
+    """The input of a fork server.
 
     Attributes:
         children: the processes to be forked.
         preload: ECU classes to import before forking, see `bench.ecu.loading.load_class`.
         reports: writing end of the pipe for reports.
-        orders: reading end of the pipe on which names of children to be forked again come, a line each.
+        orders: reading end of the pipe with the names of children to be forked on request, a line each.
         board: file descriptor of the fault board.
         conductor: process number of the conductor.
     """
@@ -69,7 +68,7 @@ class Setup:
 
 
 def main() -> None:
-    """Run a fork server: the setup comes pickled on standard input, whose end is the lifeline."""
+    """Run a fork server: it reads its pickled setup from standard input, whose end is the lifeline."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     setup: Setup = pickle.load(sys.stdin.buffer)
@@ -90,7 +89,7 @@ class _ForkServer:
         self._setup = setup
         self._channel = channel
         self._alive: dict[int, str] = {}
-        # A child that dies by a fault may be forked again, so the pipes for standard errors stay open here.
+        # A child killed by a fault may be forked again, so the pipes for standard errors stay open here.
         # A child's end wakes the fork server through this pipe.
         self._wake, self._waker = os.pipe()
         os.set_blocking(self._waker, False)
@@ -115,14 +114,14 @@ class _ForkServer:
                 self._fork([child for child in self._setup.children if child.name in names])
 
     def _preload(self) -> None:
-        # Not at the top: the early children do without these imports and need not wait for them.
+        # Not at the top: the early children do not need these imports and need not wait for them.
         from bench.bus.codec import load_codecs
         from bench.ecu.loading import load_classes
 
-        # Reads the DBC files, which it keeps.
+        # Reads and caches the DBC files.
         load_codecs(1)
         load_classes(self._setup.preload)
-        # What is imported stays: no garbage collection need look at it, in no child.
+        # Imported objects stay: garbage collection can skip them in all children.
         gc.collect()
         gc.freeze()
 
@@ -138,7 +137,7 @@ class _ForkServer:
                         os.close(self._setup.orders)
                         code = _run(child, self._channel, [other.stderr for other in self._setup.children])
                 finally:
-                    # Whatever happened, this process must not go on as a second fork server.
+                    # Whatever happened, this process must not continue as a second fork server.
                     os._exit(code)
             self._alive[pid] = child.name
             self._channel.report(Kind.STARTED, {"name": child.name, "pid": pid})
@@ -160,7 +159,7 @@ class _ForkServer:
 
 
 def _run(child: Child, channel: ControlChannel, stderrs: Sequence[int]) -> int:
-    """Call the child's target; return the exit code. What goes wrong is said on standard error."""
+    """Call the child's target; return the exit code. Errors are printed on standard error."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     os.dup2(child.stderr, 1)
@@ -168,7 +167,7 @@ def _run(child: Child, channel: ControlChannel, stderrs: Sequence[int]) -> int:
     for stderr in stderrs:
         os.close(stderr)
     set_name(child.name)
-    # So that a crash in compiled code leaves last words, and what was printed before is not lost.
+    # So that a crash in compiled code prints a traceback, and earlier output is not lost.
     faulthandler.enable()
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)

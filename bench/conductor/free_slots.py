@@ -1,8 +1,8 @@
-"""Slots left free for ECUs that somebody starts by hand, and how the conductor knows that these have come.
+"""Free ECU slots, for ECUs started by hand, and how the conductor detects these ECUs.
 
-An ECU on its own sends its status with State Wait until its first BenchSync (see dbc/vehicle.dbc). That, or any other
-frame that only it sends, says that it is there; before the first cycle nobody else takes notice of such frames, and
-the log has none of them.
+An ECU running alone sends its status with State Wait until its first BenchSync (see dbc/vehicle.dbc). That, or any
+other frame that only it sends, shows its presence; before the first cycle all other nodes ignore such frames, and the
+log has none of them.
 """
 
 import time
@@ -24,7 +24,7 @@ def free_slots(without: Collection[str], vehicles: int, address: Address) -> lis
     """Return the slots of the ECUs named in `without`.
 
     Raises:
-        BadInput: there is no such ECU among `vehicles` vehicles, or it could not know where its buses are.
+        BadInput: there is no such ECU among `vehicles` vehicles, or it cannot know the address of its buses.
     """
     slots = [EcuSlot(role, vehicle) for role in ROLES for vehicle in range(1, vehicles + 1)]
     names = [slot.name for slot in slots]
@@ -33,31 +33,31 @@ def free_slots(without: Collection[str], vehicles: int, address: Address) -> lis
         raise BadInput(f"--without {', '.join(unknown)}: the scenario has {', '.join(names)}")
     if without and address.hub is not None:
         raise BadInput(
-            "--without: with --can direct all is in one process; allowed: --can udp:PORT, vcan, IFACE:CHANNEL"
+            "--without: --can direct runs everything in one process; allowed: --can udp:PORT, vcan, IFACE:CHANNEL"
         )
     free = [slot for slot in slots if slot.name in without]
     for slot in free:
         for bus in slot.buses:
             if not address.is_known(bus):
                 raise BadInput(
-                    f"--without {slot.name}: the ECU must know where {bus} is; give the port, as in --can udp:45000 or "
+                    f"--without {slot.name}: the ECU must know the address of {bus}; give the port: --can udp:45000 or "
                     f"--can {bus}=udp:45000"
                 )
     return free
 
 
 def described(slot: EcuSlot, address: Address) -> str:
-    """Say who is expected where, with the buses at `address`: `veh2.tracker on vcan2`."""
+    """Return the expected ECU and its buses at `address`, e.g. `veh2.tracker on vcan2`."""
     places = map(address.place_of, slot.buses)
     where = (place.channel if place.interface == "socketcan" else str(place) for place in places)
     return f"{slot.name} on {' and '.join(where)}"
 
 
 def refuse_outages(faults: Iterable[Fault], without: Collection[str]) -> None:
-    """Refuse faults that crash or stop an ECU which the bench does not start.
+    """Check the faults.
 
     Raises:
-        BadInput: see there.
+        BadInput: a fault crashes or stops an ECU that the bench does not start.
     """
     for fault in faults:
         if fault.outage and fault.outage.ecu in without:
@@ -81,18 +81,18 @@ class FreeSlots:
 
     @property
     def waiting(self) -> list[EcuSlot]:
-        """The slots whose ECU has not come."""
+        """The slots whose ECU has not been detected."""
         return list(self._waiting.values())
 
     def wait(self, crew: Crew, limit_s: float) -> None:
-        """Wait for the ECUs that somebody starts by hand.
+        """Wait for the ECUs started by hand.
 
         Args:
-            crew: the others, whose listener notes what comes.
+            crew: the other processes, whose listener receives the frames.
             limit_s: longest wall-clock time in s.
 
         Raises:
-            RunFailed: not all came, or a process ended.
+            RunFailed: not all were detected, or a process ended.
             Interrupted: a signal has come.
         """
         deadline = time.monotonic() + limit_s
@@ -100,20 +100,20 @@ class FreeSlots:
             left = deadline - time.monotonic()
             if left <= 0:
                 raise RunFailed(
-                    f"{', '.join(self._waiting)} did not come within {limit_s:g} s: nothing that it sends was heard. "
-                    "An ECU on its own sends its status with State Wait until the run begins"
+                    f"{', '.join(self._waiting)} not detected within {limit_s:g} s: none of its frames was received. "
+                    "An ECU running alone sends its status with State Wait until the run begins"
                 )
             crew.attend(left)
 
     def note(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Note whose frames these are."""
+        """Note the ECUs that sent these frames."""
         for can_id, _ in frames:
             due = self._due[bus].get(can_id)
             if due is not None:
                 self._waiting.pop(due.sender, None)
 
     def without_signs(self, bus: str, frames: Sequence[CanFrame]) -> Sequence[CanFrame]:
-        """Leave out what an ECU sent before it knew that the run has begun."""
+        """Drop frames that an ECU sent before it received the beginning of the run."""
         if not self._status:
             return frames
         return [frame for frame in frames if not self._is_sign(bus, *frame)]

@@ -1,4 +1,4 @@
-"""Ctrl-C and its like as something to wait for, so that a run is never torn up in the middle of writing its log."""
+"""Ctrl-C and similar signals as an event to wait for, so that they never interrupt a run while it writes its log."""
 
 import os
 import signal
@@ -19,7 +19,7 @@ class Interrupts:
     Outside the main thread, where Python handles no signals, it does nothing.
 
     Attributes:
-        received: name of the signal that came, None before.
+        received: name of the signal received, None before.
     """
 
     _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -37,7 +37,7 @@ class Interrupts:
         return self._reader
 
     def check(self) -> None:
-        """End the run where a signal has come.
+        """End the run if a signal has come.
 
         Raises:
             Interrupted: a signal has come.
@@ -46,7 +46,7 @@ class Interrupts:
             raise Interrupted(f"interrupted by {self.received}")
 
     def __enter__(self) -> "Interrupts":
-        """Take over the signals."""
+        """Install the signal handlers."""
         if threading.current_thread() is threading.main_thread():
             self._wakeup_before = signal.set_wakeup_fd(self._writer, warn_on_full_buffer=False)
             self._before = {number: signal.signal(number, self._receive) for number in self._SIGNALS}
@@ -55,7 +55,7 @@ class Interrupts:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Give the signals back."""
+        """Restore the signal handlers."""
         for number, handler in self._before.items():
             signal.signal(number, handler)
         if self._before:

@@ -1,4 +1,4 @@
-"""Requests to the Linux kernel about processes; other systems do without them."""
+"""Requests to the Linux kernel about processes; skipped on other systems."""
 
 import ctypes
 import errno
@@ -16,7 +16,7 @@ _TIMER_ABSTIME = 1
 _LIBC = ctypes.CDLL(None)
 
 SLEEP_NS = 20_000
-"""What is due sooner is waited for awake: going to sleep and waking up takes as long."""
+"""Shorter waits are busy: going to sleep and waking up takes as long."""
 
 
 class _Timespec(ctypes.Structure):
@@ -37,15 +37,15 @@ def set_name(name: str) -> None:
 def as_batch_work() -> Iterator[None]:
     """Do not interrupt others when woken: this thread, and the processes it starts meanwhile (SCHED_BATCH, sched(7)).
 
-    A bench has more processes than the machine has cores. Woken by every single frame, they would keep interrupting
-    those who send them; so they find several frames when it is their turn, which takes a fifth off a cycle.
+    A bench has more processes than the machine has cores. Woken by each frame, they would keep interrupting the
+    senders; instead they find several frames when scheduled, which shortens a cycle by a fifth.
     """
     try:
         changed = sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_OTHER
         if changed:
             os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     except OSError:
-        # Some containers forbid the call; all works without it too.
+        # Some containers forbid the call; everything works without it.
         changed = False
     try:
         yield
@@ -56,7 +56,7 @@ def as_batch_work() -> Iterator[None]:
 
 @contextmanager
 def give_way() -> Iterator[None]:
-    """Let this process, with all its threads, run only where nothing else wants to (SCHED_IDLE, sched(7))."""
+    """Run this process, with all its threads, at idle priority (SCHED_IDLE, sched(7))."""
     _schedule_all_threads("SCHED_IDLE")
     try:
         yield
@@ -66,13 +66,13 @@ def give_way() -> Iterator[None]:
 
 def _schedule_all_threads(policy: str) -> None:
     for thread in os.listdir("/proc/self/task") if sys.platform == "linux" else ():  # noqa: PTH208 - numbers, not paths
-        # Where it is forbidden, as in some containers, all works without it too; and a thread may have ended.
+        # If forbidden, as in some containers, everything works without it; and a thread may have ended.
         with suppress(OSError):
             os.sched_setscheduler(int(thread), getattr(os, policy), os.sched_param(0))
 
 
 def set_real_time(pid: int, priority: int) -> bool:
-    """Let a process go before all others of a lower `priority` (1..99) until it waits (SCHED_FIFO, sched(7)).
+    """Run a process before all others of lower `priority` (1..99) until it waits (SCHED_FIFO, sched(7)).
 
     Returns whether that is permitted; it takes root, CAP_SYS_NICE or a limit on real-time priorities (ulimit -r).
     """
@@ -81,14 +81,14 @@ def set_real_time(pid: int, priority: int) -> bool:
     except (AttributeError, PermissionError):
         return False
     except ProcessLookupError:
-        # It has ended, which its watcher will notice.
+        # It has ended; its monitor will notice.
         return True
     return True
 
 
 @contextmanager
 def real_time(priority: int) -> Iterator[None]:
-    """The same for this process while the context lasts."""
+    """The same for this process during the context."""
     before = (os.sched_getscheduler(0), os.sched_getparam(0)) if sys.platform == "linux" else None
     granted = set_real_time(0, priority)
     try:
@@ -99,13 +99,13 @@ def real_time(priority: int) -> Iterator[None]:
 
 
 def pin(pid: int, cores: Collection[int]) -> None:
-    """Keep a process to these cores; where that is not permitted it stays where it is."""
+    """Restrict a process to these cores; if that is not permitted, it stays unrestricted."""
     with suppress(OSError):
         os.sched_setaffinity(pid, cores)
 
 
 def enlarge_pipe(descriptor: int) -> None:
-    """Let a pipe hold 1 MiB, so that who writes to it need not wait for a reader that is a second behind."""
+    """Let a pipe hold 1 MiB, so that its writers do not block if the reader is a second behind."""
     if sys.platform == "linux":
         with suppress(OSError):
             fcntl.fcntl(descriptor, fcntl.F_SETPIPE_SZ, 1 << 20)
@@ -114,7 +114,8 @@ def enlarge_pipe(descriptor: int) -> None:
 def stolen_s() -> float:
     """Return the processor time in s that a virtual machine's host has given to others when this machine wanted it.
 
-    It is the steal time of proc(5), of all cores together since this machine started; 0 where the kernel does not tell.
+    It is the steal time of proc(5), of all cores together since this machine started; 0 if the kernel does not report
+    it.
     """
     try:
         with open("/proc/stat") as stat:  # noqa: PTH123 - as quick as it can be
@@ -131,7 +132,7 @@ def wait_until(time_ns: int) -> None:
 
 
 def _sleep_until(time_ns: int) -> None:
-    # With an absolute time, being interrupted between reading the clock and going to sleep makes no difference.
+    # With an absolute time, an interruption between reading the clock and sleeping makes no difference.
     if sys.platform != "linux":
         time.sleep(max(0, time_ns - time.monotonic_ns()) / 1e9)
         return

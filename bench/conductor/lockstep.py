@@ -1,8 +1,7 @@
-"""The lockstep clock: a cycle is opened when all frames of the one before have come.
+"""The lockstep clock: a cycle begins when all frames of the one before have arrived.
 
-BenchSync goes out as soon as a cycle is complete; that cycle is recorded while the others work on the next one. Time is
-virtual and does not pass by itself, so for an ECU that is dead or stopped the conductor announces that its frames will
-not come.
+BenchSync is sent as soon as a cycle is complete; that cycle is recorded while the others work on the next one. Virtual
+time does not pass by itself, so the conductor announces the absent frames of a dead or stopped ECU.
 """
 
 import time
@@ -20,11 +19,11 @@ from bench.cycle import time_of
 from bench.errors import RunFailed
 from bench.events import EcuFailed
 
-if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 SPOILED_S = 0.1
-"""Wall-clock time in s without a frame after which one that came with a wrong CRC is taken to have been the one due."""
+"""Wall-clock time in s without a frame after which one received with a wrong CRC counts as the due one."""
 
 
 class Lockstep(Conductor):
@@ -64,7 +63,7 @@ class Lockstep(Conductor):
             self._truth, self._words = [], []
             last = self.cycles == cycles
             done, self.cycle = self.cycle, self.cycle + 1
-            # First of all, so that the nodes have work while this cycle is recorded.
+            # First, so that the nodes have work while this cycle is recorded.
             if last:
                 self._sent = self._sync(BenchCommand.STOP, self.cycle)
             else:
@@ -99,7 +98,7 @@ class Lockstep(Conductor):
         self._truth, self._words = [], []
 
     def _open(self, crew: Crew, recorder: "Recorder") -> None:
-        """Open the cycle: bring about its faults, send BenchSync, announce what will not come."""
+        """Begin the cycle: apply its faults, send BenchSync, announce absent frames."""
         self._desk.open(self.cycle, recorder)
         self._outages.apply(self.cycle, crew)
         self._frames.begin(self.cycle)
@@ -134,12 +133,12 @@ class Lockstep(Conductor):
                     self._give_up(bus, can_id)
                 continue
             guilty = self._frames.guilty(crew.inputs)
-            text = f"{when} {self._frames.silent(guilty)}; nothing was heard for {self._silence_s:g} s"
+            text = f"{when} {self._frames.silent(guilty)}; no frame was received for {self._silence_s:g} s"
             if not self._goes_on_without(guilty, crew, text):
                 raise RunFailed(text)
 
     def _goes_on_without(self, names: Sequence[str], crew: Crew, text: str) -> bool:
-        """Whether the run goes on without ECUs that have failed; if so, sees to it."""
+        """Continue without ECUs that have failed if the run can; return whether it does."""
         failure = self._leave_out(names, crew, text)
         if failure is None:
             return False

@@ -1,4 +1,4 @@
-"""What a run is asked to be."""
+"""The options of a run."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,26 +12,26 @@ SILENCE_S = 10.0
 """Wall-clock time in s without a frame after which a run has failed."""
 
 WITHOUT_WAIT_S = 120.0
-"""Wall-clock time in s that a run waits for the ECUs that somebody starts by hand."""
+"""Wall-clock time in s that a run waits for the ECUs started by hand."""
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """All that a run is given.
+    """The options of a run.
 
     Attributes:
-        scenario: what to run.
-        address: where the buses are; `direct` keeps everything in this process.
+        scenario: the scenario to run.
+        address: address of the buses; `direct` keeps everything in this process.
         out: the log to write; it must not exist.
-        command_line: how the run was called, for the log.
+        command_line: the command line, for the log.
         ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
-        without: names of ECUs that are not to be started, as somebody starts them by hand: `veh1.planner`.
+        without: names of ECUs that are started by hand, not by the run, e.g. `veh1.planner`.
         without_wait_s: wall-clock time in s that the run waits for them.
-        fmu: the vehicle; None for `platoon_fmu.build.default_fmu`.
+        fmu: the vehicle's FMU; None for `platoon_fmu.build.default_fmu`.
         silence_s: wall-clock time in s without a frame after which the run has failed.
-        realtime: whether the wall clock paces the cycles; else they follow each other as fast as the machine goes.
-        on_progress: called now and then with the simulated time in s.
-        on_waiting: called with a line for a person before the run waits for ECUs.
+        realtime: whether the wall clock paces the cycles; else they run as fast as the machine allows.
+        on_progress: called periodically with the simulated time in s.
+        on_waiting: called with a line of text before the run waits for ECUs.
     """
 
     scenario: Scenario

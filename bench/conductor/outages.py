@@ -6,7 +6,7 @@ from bench.faults.plan import FaultPlan
 
 
 class Outages:
-    """Brings every ECU into the condition that the faults of a cycle want it in.
+    """Brings every ECU into the condition demanded by the faults of a cycle.
 
     Attributes:
         absent: names of the ECUs that send nothing in the cycle.
@@ -24,15 +24,15 @@ class Outages:
         return [*self._failed, *(name for name in self._conditions if name not in self._failed)]
 
     def failed(self, name: str, crew: Crew) -> None:
-        """Note that an ECU has failed that no fault told to; it stays away."""
+        """Note that an ECU has failed without a fault; it stays absent."""
         self._failed.add(name)
         crew.excuse(name)
 
     def apply(self, cycle: int, crew: Crew) -> None:
-        """Do what the faults of `cycle` want done to ECUs before it begins.
+        """Crash, stop or restart ECUs for the faults of `cycle` before it begins.
 
         Raises:
-            RunFailed: an ECU did not start anew.
+            RunFailed: an ECU did not restart.
             Interrupted: a signal has come.
         """
         wanted: dict[str, Condition] = {}

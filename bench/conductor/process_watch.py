@@ -1,4 +1,4 @@
-"""Samples what the processes of a run take of the machine."""
+"""Samples the processor usage of the processes of a run."""
 
 import os
 import time
@@ -14,17 +14,17 @@ PERIOD_S = 1.0
 
 
 class ProcessWatch:
-    """Watches the conductor and the processes it has started, also those that come later or anew."""
+    """Watches the conductor and the processes it has started, including those started or restarted later."""
 
     def __init__(self, pids: Callable[[], Mapping[str, int]]) -> None:
-        """Watch the processes that `pids` gives by name, and this one."""
+        """Watch the processes returned by `pids`, by name, and this one."""
         self._pids = pids
         self._due = 0.0
         self._processes: dict[int, psutil.Process] = {}
         self._before: dict[int, tuple[float, float]] = {}
 
     def samples(self) -> Iterator[tuple[str, ProcessUsage]]:
-        """Give the name and usage of each process, where `PERIOD_S` has passed since the last time; else nothing."""
+        """Yield name and usage of each process if `PERIOD_S` has passed since the last time, else nothing."""
         now = time.monotonic()
         if now < self._due:
             return
@@ -33,7 +33,7 @@ class ProcessWatch:
             try:
                 yield name, self._sample(pid, now)
             except psutil.Error:
-                # It has just ended; whoever that concerns finds out by itself.
+                # It has just ended; the crew notices that.
                 self._processes.pop(pid, None)
 
     def _sample(self, pid: int, now: float) -> ProcessUsage:

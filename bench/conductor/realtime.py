@@ -1,12 +1,12 @@
-"""The conductor of a real-time run: it listens, records and judges, but nobody waits for it.
+"""The conductor of a real-time run: it receives, records and checks deadlines, but no node waits for it.
 
-The wall clock is a process of its own (`clock`). In cycle k the plant publishes at BenchSync k, the ECUs have until
-BenchSync k+1 for their commands, and the plant applies what has come by then. What comes later has missed its deadline:
-the actuators hold, and after the DBC's timeout go to their safe state.
+The wall clock is a separate process (`clock`). In cycle k the plant publishes at BenchSync k, the ECUs have until
+BenchSync k+1 for their commands, and the plant applies the commands received by then. Later ones have missed their
+deadline: the actuators hold, and after the DBC's timeout enter their safe state.
 
-A frame belongs to the cycle that its alive counter names, late or not; one without a counter to that of the newest
-frame of its sender that has one; one that is damaged, repeated or later than `SETTLE_CYCLES` to the cycle it came in.
-The log has that cycle's time, and the kernel's time of receipt beside it.
+A frame belongs to the cycle given by its alive counter, late or not; one without a counter to that of its sender's
+newest frame with one; one that is damaged, repeated or later than `SETTLE_CYCLES` to the cycle in which it arrived. The
+log has that cycle's time, and the kernel's time of receipt.
 """
 
 import os
@@ -33,21 +33,21 @@ from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
 from bench.names import PLANT
 
-if TYPE_CHECKING:  # the recorder's imports take place while the processes start
+if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 
 PRIORITIES = {CLOCK: PRIORITY, PLANT: 70, "planner": 60, "tracker": 50}
-"""SCHED_FIFO priority by role: who is waited for by more goes first. An ECU of another role has the lowest of them."""
+"""SCHED_FIFO priority by role: higher if more nodes wait for it. An ECU of another role has the lowest of them."""
 
 RECORDER_PRIORITY = 10
-"""SCHED_FIFO priority of the conductor, which only records: after the bench's others, before all else."""
+"""SCHED_FIFO priority of the conductor, which only records: below the bench's others, above all other programs."""
 
 REST_NS = 7_500_000
-"""In each cycle the conductor rests as long."""
+"""Time for which the conductor sleeps in each cycle."""
 
 SETTLE_CYCLES = 2
-"""Cycles that a cycle is kept open for frames that come late, before it is judged and recorded."""
+"""Number of cycles for which a cycle stays open for late frames before it is checked and recorded."""
 
 _POLL_S = 0.01
 
@@ -61,12 +61,12 @@ class _Received(NamedTuple):
 
 @dataclass
 class _Cycle:
-    """What has come of a cycle.
+    """The data received of a cycle.
 
     Attributes:
-        frames: those that have come.
-        begun: when its BenchSync came, by bus (ns).
-        done: when the newest frame with a counter of each sender came, by name (ns).
+        frames: the frames received.
+        begun: arrival of its BenchSync, by bus (ns).
+        done: arrival of each sender's newest frame with a counter, by name (ns).
         seen: identifiers of the frames with a counter, by bus.
         truth: its truth rows.
     """
@@ -79,12 +79,12 @@ class _Cycle:
 
 
 class _Expected(NamedTuple):
-    """A frame that every cycle brings.
+    """A frame of every cycle.
 
     Attributes:
-        sender: who sends it: an ECU, or the plant on one bus (veh1.plant).
+        sender: its sender: an ECU, or the plant on one bus (veh1.plant).
         protected: whether it has a CRC and an alive counter.
-        data_id: what its CRC covers beside the data.
+        data_id: its E2E data ID.
     """
 
     sender: str
@@ -112,7 +112,7 @@ class Realtime(Conductor):
             each.station: bus for bus, every in due.items() for each in every.values() if each.has_deadline
         }
         self._open: dict[int, _Cycle] = defaultdict(_Cycle)
-        # By bus: the conductor reads one after the other, and may be behind with all of them.
+        # By bus: the conductor reads one after the other, and may be behind on all of them.
         self._newest = dict.fromkeys(codecs, -1)
         self._at: dict[tuple[str, str], int] = {}
         self._strays: list[tuple[str, int]] = []
@@ -157,10 +157,10 @@ class Realtime(Conductor):
             if self._attend(crew, recorder):
                 heard_at = time.monotonic()
             elif time.monotonic() - heard_at > self._silence_s:
-                raise RunFailed(f"{self._when()} no frame came for {self._silence_s:g} s, of the clock neither")
+                raise RunFailed(f"{self._when()} no frame came for {self._silence_s:g} s, not even from the clock")
             self._keep_up(crew, recorder, min(self._newest.values()) - SETTLE_CYCLES, on_progress)
             if end_at is None and self.cycles >= cycles:
-                # The last cycle has its time like all others, and what is late is waited for as well.
+                # The last cycle gets its full time like all others, and late frames are awaited as well.
                 end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_S
         sent = self._sync(BenchCommand.STOP, self.cycles)
         self._keep_up(crew, recorder, self.cycle, on_progress)
@@ -212,7 +212,7 @@ class Realtime(Conductor):
         return number
 
     def _cycle_of(self, bus: str, can_id: int, data: bytes, received: int) -> int:
-        """Return the number of the cycle that a frame belongs to, and note who has sent in it."""
+        """Return the number of the cycle to which a frame belongs, and note its sender."""
         expected = self._expected[bus].get(can_id)
         if expected is None:
             self._strays.append((bus, can_id))
@@ -220,8 +220,8 @@ class Realtime(Conductor):
         place, newest = (bus, expected.sender), max(self._newest[bus], 0)
         if not expected.protected:
             return self._at.get(place, newest)
-        # The cycle that the alive counter names is not believed of a damaged frame, nor where that cycle is over for
-        # good or has had this frame.
+        # The alive counter's cycle is not used if the frame is damaged, or that cycle is closed or already has this
+        # frame.
         if not check(data, expected.data_id):
             return newest
         number = newest - (newest - (data[1] & 0x0F)) % COUNTER_MODULUS
@@ -238,8 +238,8 @@ class Realtime(Conductor):
     def _rest(self) -> None:
         """Wait for the part of a cycle in which the others have least to do.
 
-        To read every frame as it comes would take more time in all, and some of it from the others: two threads of a
-        core slow each other down.
+        Reading every frame on arrival would take more time in total, and slow the others: two threads of a core
+        slow each other down.
         """
         into_cycle = (time.time_ns() - self._first_ns) % CYCLE_NS
         if self.cycle >= 0 and into_cycle < REST_NS:
@@ -255,7 +255,7 @@ class Realtime(Conductor):
             return True
 
     def _keep_up(self, crew: Crew, recorder: "Recorder", newest: int, on_progress: OnProgress | None) -> None:
-        """Bring about the faults of the cycles that have begun; judge and record those up to `newest`."""
+        """Apply the faults of the cycles that have begun; check and record those up to `newest`."""
         while self._prepared < self.cycle:
             self._prepared += 1
             self._desk.open(self._prepared, recorder)
@@ -281,7 +281,7 @@ class Realtime(Conductor):
         recorder.cycle(number, frames, truth, strays, words, [each.received_ns for each in ordered])
 
     def _judge(self, number: int, crew: Crew, recorder: "Recorder") -> None:
-        """Note who has missed the end of a cycle."""
+        """Note the nodes that have missed the end of a cycle."""
         cycle, following = self._open[number], self._open.get(number + 1)
         absent = self._outages.absent
         for name, bus in self._senders.items():
@@ -308,14 +308,14 @@ class Realtime(Conductor):
                     raise RunFailed(text)
 
     def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: "Recorder", text: str) -> bool:
-        """Whether the run goes on without ECUs that have failed; if so, sees to it."""
+        """Continue without ECUs that have failed if the run can; return whether it does."""
         failure = self._leave_out(names, crew, text)
         if failure is not None:
             recorder.event(max(self.cycle, 0), failure)
         return failure is not None
 
     def _schedule(self, crew: Crew, recorder: "Recorder") -> None:
-        """Give the processes that are new their priority, and a core of their own where there are enough."""
+        """Set the priority of new processes, and give each a core to itself if there are enough."""
         pids = crew.pids
         new = {name: pid for name, pid in pids.items() if self._pids.get(name) != pid}
         if not new:
@@ -326,7 +326,7 @@ class Realtime(Conductor):
         cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
         alone = len(cores) > len(pids)
         if alone:
-            # The first core is left to the conductor and whatever else the machine does.
+            # The first core is left to the conductor and to other programs.
             for core, name in zip(cores[1:], sorted(pids), strict=False):
                 pin(pids[name], {core})
         if self.scheduling:

@@ -1,4 +1,4 @@
-"""Passes complete cycles to the log and keeps account of lost frames and E2E errors."""
+"""Passes complete cycles to the log and counts lost frames and E2E errors."""
 
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -39,20 +39,20 @@ def open_recorder(stage: Stage, timeline: BusTimeline, watch: ProcessWatch) -> "
 
 
 _COUNTS = (_LOST, _ERRORS)
-"""The signals of the health messages that only rise, and mean trouble where they do."""
+"""The counters of the health messages; an increase means trouble."""
 
 
 class Recorder:
     """Writes cycles in the order of the log: frames, truth, events.
 
-    Once the log cannot be written any more, which raises `RunFailed`, nothing more is.
+    After a write error, which raises `RunFailed`, nothing more is written.
 
     Attributes:
         cpu_s: processor time in s that recording has taken.
     """
 
     def __init__(self, writer: RunWriter, codecs: Mapping[str, Codec], watch: ProcessWatch) -> None:
-        """Record to `writer`, with what `watch` sees."""
+        """Record to `writer`, with the samples of `watch`."""
         self._writer = writer
         self._watch = watch
         self._codecs = codecs
@@ -83,9 +83,9 @@ class Recorder:
             number: its number.
             frames: all its frames.
             truth: its truth rows.
-            strays: bus and identifier of frames that should not have come; each is noted once a run.
-            words: what processes have written to their standard error, each with its name.
-            received_ns: when each frame came (time.time_ns); now for all of them, if not given.
+            strays: bus and identifier of unexpected frames; each is recorded once per run.
+            words: output of processes to their standard error, each with the process's name.
+            received_ns: arrival time of each frame (time.time_ns); if not given, now for all.
 
         Raises:
             RunFailed: the log cannot be written.
@@ -132,7 +132,7 @@ class Recorder:
 
     @contextmanager
     def _recording(self) -> Iterator[bool]:
-        """Give whether the log can be written; note where this is the end of that, and the processor time it takes."""
+        """Yield whether the log can be written; note a write error, and the processor time used."""
         begun_s = time.thread_time()
         try:
             yield not self._failed
@@ -147,7 +147,7 @@ class Recorder:
         return sum(int(values.get(signal, 0)) for values in decoded)
 
     def _note_states(self, time_ns: int, frames: Iterable[BusFrame]) -> None:
-        """Record as events what frames show of the states and the counts of those that sent them."""
+        """Record changes of the senders' states and counters in frames as events."""
         health_ids, watched = self._health_ids, self._states.watched
         for bus, can_id, data in frames:
             place = bus, can_id
@@ -168,6 +168,6 @@ class Recorder:
             self._writer.event(time_ns, events.ReceptionErrors(bus, name, counts[_LOST], counts[_ERRORS]))
 
     def _counts(self, bus: str, can_id: int, data: bytes) -> tuple[str, dict[str, int]]:
-        """Name and counts of a health message; the states of reception that it shows as well come and go."""
+        """Return name and counters of a health message, without its reception states, which vary."""
         name, values = self._codecs[bus].decode(can_id, data)
         return name, {signal: int(values.get(signal, 0)) for signal in _COUNTS}

@@ -33,11 +33,11 @@ from bench.plant.description import read_description
 from platoon_fmu.build import default_fmu
 from platoon_fmu.errors import FmuError
 
-if TYPE_CHECKING:  # its imports take place while the processes start
+if TYPE_CHECKING:  # it is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 READY_S = 60.0
-"""Wall-clock time in s that the processes may take to start; only a machine in trouble needs more."""
+"""Wall-clock time in s that the processes may take to start; ample for any working machine."""
 
 GRACE_S = 1.0
 """Wall-clock time in s that processes have to stop before they are killed."""
@@ -45,16 +45,16 @@ GRACE_S = 1.0
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a completed run says of itself.
+    """The result of a completed run.
 
     Attributes:
         path: the log.
         wall_s: wall-clock time in s from the first BenchSync to the end of the last cycle.
         startup_s: wall-clock time in s from the call of `run` to the first BenchSync.
         cycles: number of cycles.
-        frames_lost: frames that anyone on the buses has lost.
-        deadline_misses: in real time by name: of an ECU, or of the plant on one bus (veh1.plant).
-        scheduling: in real time what the kernel has granted, in words.
+        frames_lost: number of frames lost by all nodes together.
+        deadline_misses: in real time, missed deadlines by name of an ECU, or of the plant on one bus (veh1.plant).
+        scheduling: in real time, the scheduling that the kernel has granted, as text.
     """
 
     path: Path
@@ -79,13 +79,13 @@ class _Started:
     """A run whose processes are starting and whose log has begun.
 
     Attributes:
-        options: what it is asked to be.
-        address: where its buses are, settled.
-        free: the slots of the ECUs that somebody starts by hand.
+        options: its options.
+        address: the settled address of its buses.
+        free: the slots of the ECUs started by hand.
         waiting: watches for those ECUs.
         links: the conductor's ends of the buses.
-        conductor: conducts it.
-        crew: does the work.
+        conductor: its conductor.
+        crew: runs plant and ECUs.
         recorder: writes the log.
         startup_s: see `RunResult`; 0 until the first cycle.
         frames_lost: see `RunResult`; 0 until the log is closed.
@@ -103,7 +103,7 @@ class _Started:
     frames_lost: int = 0
 
     def result(self) -> RunResult:
-        """Return what the run says of itself."""
+        """Return the result of the run."""
         conductor = self.conductor
         return RunResult(
             path=self.options.out,
@@ -122,8 +122,8 @@ def run(options: RunOptions) -> RunResult:
     Raises:
         BadInput: the log exists, a bus would be overloaded, the FMU is missing, an ECU cannot be loaded, a bus cannot
             be opened; nothing was started or written.
-        RunFailed: a process ended or fell silent; the log is closed and holds all up to then.
-        Interrupted: SIGINT, SIGTERM or SIGHUP came; the log likewise.
+        RunFailed: a process ended or fell silent; the log is closed and holds everything up to then.
+        Interrupted: SIGINT, SIGTERM or SIGHUP was received; the log likewise.
     """
     called = time.perf_counter()
     free, fmu = _checked(options)
@@ -139,24 +139,26 @@ def run(options: RunOptions) -> RunResult:
 
 
 def _checked(options: RunOptions) -> tuple[list[EcuSlot], Path]:
-    """Return the slots that are left free and the FMU, where nothing speaks against the run.
+    """Check the options; return the free slots and the FMU.
 
     Raises:
-        BadInput: something does.
+        BadInput: the run is not possible.
     """
     if options.out.exists():
-        raise BadInput(f"the log {options.out} exists; give another file with --out, or remove it")
+        raise BadInput(f"the log {options.out} already exists; give another file with --out, or remove it")
     fmu = options.fmu or _built_fmu()
     free = free_slots(options.without, options.vehicles, options.address)
     refuse_outages(options.scenario.faults, options.without)
     _check_ecus(options.ecus)
     if options.realtime and options.address.hub is not None:
-        raise BadInput("--clock realtime: with --can direct all is in one process; take --can udp, vcan, IFACE:CHANNEL")
+        raise BadInput(
+            "--clock realtime: --can direct runs everything in one process; use --can udp, vcan, IFACE:CHANNEL"
+        )
     return free, fmu
 
 
 def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitStack) -> _Started:
-    """Open the buses, start plant and ECUs and begin the log; `stack` sees to the end of all but the log.
+    """Open the buses, start plant and ECUs and begin the log; `stack` ends everything except the log.
 
     Raises:
         BadInput: a bus would be overloaded or cannot be opened, or the FMU cannot be read.
@@ -186,7 +188,7 @@ def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitS
 
 
 def _recorder(stage: Stage, crew: Crew) -> "Recorder":
-    # Not at the top: so these imports take place while the processes start.
+    # Not at the top, so that these imports run while the processes start.
     from bench.bus.wire.timing import BusTimeline
     from bench.conductor.process_watch import ProcessWatch
     from bench.conductor.recorder import open_recorder
@@ -200,14 +202,14 @@ def _conduct(started: _Started, called: float) -> _Ending:
 
     Args:
         started: the run.
-        called: time (`time.perf_counter`, s) that `startup_s` is counted from.
+        called: time (`time.perf_counter`, s) from which `startup_s` counts.
     """
     options, conductor, crew = started.options, started.conductor, started.crew
     ending = _Ending("failed", "the conductor failed")
     try:
         _wait(started)
         started.startup_s = time.perf_counter() - called
-        # What there is now stays to the end of the run; no garbage collection need look at it in every cycle.
+        # These objects live until the end of the run; garbage collection can skip them.
         gc.freeze()
         conductor.run(crew, started.recorder, options.scenario.cycles, options.on_progress)
         problems = crew.stop(GRACE_S)
@@ -225,10 +227,10 @@ def _conduct(started: _Started, called: float) -> _Ending:
 
 
 def _wait(started: _Started) -> None:
-    """Wait for all processes, then for the ECUs that somebody starts by hand.
+    """Wait for all processes, then for the ECUs started by hand.
 
     Raises:
-        RunFailed: not all came, or one ended.
+        RunFailed: not all started, or one ended.
         Interrupted: a signal has come.
     """
     options = started.options
@@ -240,14 +242,14 @@ def _wait(started: _Started) -> None:
 
 
 def _break_off(started: _Started, ending: _Ending) -> None:
-    """End a run that is not complete, and record what there is of it.
+    """End an incomplete run, and record its remaining data.
 
     Raises:
         RunFailed: the log cannot be written.
     """
     conductor, recorder = started.conductor, started.recorder
     with suppress(LinkError):
-        # It may be a bus that has gone down; then the others' nodes are told, and the rest is killed.
+        # A bus may have gone down; then nodes on the other buses are stopped, and the remaining ones are killed.
         conductor.stop()
     started.crew.stop(GRACE_S / 2)
     conductor.record_rest(recorder)
@@ -272,13 +274,13 @@ def _close_log(started: _Started, ending: _Ending) -> None:
 
 
 def _check_ecus(ecus: Mapping[str, str]) -> None:
-    """Refuse ECUs that cannot be loaded.
+    """Check that the ECUs can be loaded.
 
     Raises:
         BadInput: see `load_class`.
     """
     for role, spec in ecus.items():
-        # The bench's own are not tried here: that would import what the conductor does not need.
+        # Built-in ECUs are not loaded here: that would import modules that the conductor does not need.
         if spec != DEFAULT_ECUS.get(role):
             load_class(spec)
 

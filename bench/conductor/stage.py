@@ -1,4 +1,4 @@
-"""What a run is set up from: its processes or nodes, and what its log says of it."""
+"""The setup of a run: its processes or nodes, and the metadata of its log."""
 
 import platform
 import shlex
@@ -31,7 +31,7 @@ from bench.names import PLANT
 from bench.plant.description import FmuDescription
 
 BY_HAND = "started by hand"
-"""What the log has for the class of an ECU that the bench did not start."""
+"""The log's entry for the class of an ECU that the bench did not start."""
 
 _GIT_S = 2.0
 _PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "cantools", "mcap")
@@ -39,11 +39,11 @@ _PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "can
 
 @dataclass(frozen=True)
 class Stage:
-    """What a run is set up from.
+    """The setup of a run.
 
     Attributes:
-        options: what it is asked to be.
-        address: where the buses are, settled.
+        options: its options.
+        address: the settled address of its buses.
         codecs: codec of every bus.
         fmu: the vehicle's FMU file.
         description: its modelDescription.
@@ -65,10 +65,10 @@ class Stage:
         return self.options.vehicles
 
     def crew(self, links: Mapping[str, Link], listener: Listener, interrupts: Interrupts, stack: ExitStack) -> Crew:
-        """Start plant and ECUs; `stack` sees to their end.
+        """Start plant and ECUs; `stack` ends them.
 
         Raises:
-            BadInput: in one process: an ECU's class cannot be loaded or takes what is not on its buses.
+            BadInput: in one process: an ECU's class cannot be loaded or has inputs that are not on its buses.
             RunFailed: in one process: the FMU cannot be loaded.
         """
         if self.address.hub is None:
@@ -80,7 +80,7 @@ class Stage:
         return DirectCrew(self._plant(listener, stack), names, self._maker(stack), links, listener, interrupts)
 
     def metadata(self) -> dict[str, str]:
-        """What the log says of the run before it begins."""
+        """The log's metadata before the run begins."""
         return {
             "scenario": self.options.scenario.name,
             "seed": str(self.options.scenario.seed),
@@ -100,7 +100,7 @@ class Stage:
         }
 
     def attachments(self) -> dict[str, bytes]:
-        """The files that the log carries along, beside the DBC files."""
+        """The log's attachments, besides the DBC files."""
         return {
             "command_line.txt": f"{shlex.join(self.options.command_line)}\n".encode(),
             "scenario.toml": self.options.scenario.toml().encode(),
@@ -129,7 +129,7 @@ class Stage:
         return [plant, *ecus, Member(CLOCK, "bench.conductor.clock:serve_clock", arguments, on_call=True)]
 
     def _plant(self, listener: Listener, stack: ExitStack) -> list[Node]:
-        # The plant's imports are for this process only if it is the plant.
+        # Imported here because only the process of the plant needs it.
         from bench.plant.main import make_nodes
 
         def truth(vehicle: int, cycle: int, values: Sequence[float]) -> None:
@@ -156,15 +156,15 @@ class Stage:
 
 
 def _commit() -> str:
-    """The commit that this source is checked out at, with `+` where something has been changed since; else empty."""
-    # An installed copy may lie in somebody else's repository, which does not track it.
+    """The commit of this checkout, with `+` if files have been changed since; empty if none."""
+    # An installed copy may lie inside another repository, which does not track it.
     if not _git("ls-files", "--error-unmatch", Path(__file__).name):
         return ""
     return _git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
 
 
 def _git(*arguments: str) -> str:
-    """The answer of git, empty where there is none."""
+    """The output of git, empty on failure."""
     try:
         told = subprocess.run(
             ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=_GIT_S

@@ -1,4 +1,4 @@
-"""Notices on the bus when an ECU or an actuator goes from one state to another."""
+"""Detects state changes of ECUs and actuators on the bus."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -10,18 +10,18 @@ from bench.events import StateChange
 from bench.names import PLANT
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
-"""The messages that show a state, and the signal that does."""
+"""The messages with a state, and its signal."""
 
 _CAUSE = "Cause"
 _NORMAL: Mapping[str, tuple[int, ...]] = {
     "State": (EcuState.INIT, EcuState.RUN),
     "ActuatorState": (ActuatorState.INIT, ActuatorState.ACTIVE),
 }
-"""The values of each of these signals that are no reason to worry; it begins with the first of them."""
+"""The normal values of each of these signals, the initial one first."""
 
 
 class _Watched(NamedTuple):
-    """Where in a message its state is, and what its values are called."""
+    """The position of the state in a message, and the names of its values."""
 
     source: str
     state: SignalBits
@@ -30,14 +30,14 @@ class _Watched(NamedTuple):
 
 
 class StateWatch:
-    """Compares each frame that shows a state with the one before.
+    """Compares each frame with a state with the one before.
 
     Attributes:
         watched: bus and identifier of these frames.
     """
 
     def __init__(self, codecs: Mapping[str, Codec]) -> None:
-        """Watch the states that these buses' DBC files have."""
+        """Watch the states in these buses' DBC files."""
         self._codecs = codecs
         self.watched: dict[tuple[str, int], _Watched] = {}
         for bus, codec in codecs.items():
@@ -46,7 +46,7 @@ class StateWatch:
         self._last: dict[tuple[str, int], int] = {}
 
     def change(self, bus: str, can_id: int, data: bytes) -> StateChange | None:
-        """Return the change that a frame shows, None for none."""
+        """Return the state change in a frame, None if there is none."""
         place = self.watched[bus, can_id]
         if 8 * len(data) <= place.state.shift:
             return None

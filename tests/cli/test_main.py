@@ -116,9 +116,12 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--ecu", "tracker=no.such.module:Tracker"], "no.such.module"),
         (["--ecu", "tracker=json:dumps"], "json has no class dumps"),
         (["--without", "veh9.tracker", "--can", "direct"], "veh9.tracker"),
-        (["--without", "veh1.tracker", "--can", "direct"], "with --can direct all is in one process"),
-        (["--without", "veh1.tracker"], "give the port, as in --can udp:45000 or --can veh1=udp:45000"),
-        (["--without", "veh1.planner", "--can", "veh1=udp:45001"], "the ECU must know where v2v is; give the port"),
+        (["--without", "veh1.tracker", "--can", "direct"], "--can direct runs everything in one process"),
+        (["--without", "veh1.tracker"], "give the port: --can udp:45000 or --can veh1=udp:45000"),
+        (
+            ["--without", "veh1.planner", "--can", "veh1=udp:45001"],
+            "the ECU must know the address of v2v; give the port",
+        ),
         (
             [
                 *("--without", "veh1.tracker", "--can", "udp:45000"),
@@ -327,7 +330,7 @@ def test_fault_lists_every_kind_with_its_keys(tmp_path):
             "friction=0.1: ice_patch takes KEY=VALUE with a KEY of at_s, for_s,",
         ),
         (["ice_patch", "mu"], "mu: ice_patch takes KEY=VALUE"),
-        (["ice_patch", "--run", "no-such-run"], "no bench that runs has 'no-such-run' in its name"),
+        (["ice_patch", "--run", "no-such-run"], "no running bench has 'no-such-run' in its name"),
     ],
 )
 def test_bad_input_to_fault_ends_with_2(arguments, message, tmp_path, refused):

@@ -141,13 +141,13 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
     (name,) = [name for name in running() if name.startswith(f"{run_.process.pid}-")]
     with pytest.raises(BadInput, match=r"mu: Input should be greater than or equal to 0\.05"):
         ask(name, {"kind": "ice_patch", "mu": 0.01})
-    with pytest.raises(BadInput, match="no such kind of fault; there are frame_loss, "):
+    with pytest.raises(BadInput, match="no such kind of fault; allowed: frame_loss, "):
         ask(name, {"kind": "earthquake"})
     with pytest.raises(BadInput, match="vehicle = 9 does not exist; allowed: 1 to 3"):
         ask(name, {"kind": "ice_patch", "vehicle": 9})
     with pytest.raises(BadInput, match=r"at_s = 0\.01 is over"):
         ask(name, {"kind": "ice_patch", "at_s": 0.01})
-    with pytest.raises(BadInput, match="no bench that runs has 'nonsense' in its name"):
+    with pytest.raises(BadInput, match="no running bench has 'nonsense' in its name"):
         ask("nonsense", {"kind": "ice_patch"})
     crash = ask(name, {"kind": "ecu_crash", "ecu": "veh2.planner", "for_s": 0.1})
     ice = ask(name, {"kind": "ice_patch", "vehicle": 1, "mu": 0.3})

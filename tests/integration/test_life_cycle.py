@@ -107,7 +107,7 @@ def test_an_exception_leaves_its_traceback_as_last_words(start, unruly: Unruly) 
     code, _, errors = run.end()
     assert code == 1
     assert "in cycle 20 (t = 0.20 s) veh2.planner" in errors
-    assert "ended with exit code 1; its last words:" in errors
+    assert "ended with exit code 1; its last output:" in errors
     assert "ZeroDivisionError: the gap was zero" in errors
     run.assert_all_gone()
     events = read(run.out).events
@@ -127,7 +127,7 @@ def test_a_crash_in_compiled_code_leaves_last_words(start, unruly: Unruly) -> No
     code, _, errors = run.end()
     assert code == 1
     assert "in cycle 20 (t = 0.20 s) veh2.tracker" in errors
-    assert "was killed by SIGSEGV; its last words:\nreading address 0\n" in errors
+    assert "was killed by SIGSEGV; its last output:\nreading address 0\n" in errors
     assert "in misbehave" in errors
     run.assert_all_gone()
 
@@ -261,7 +261,8 @@ def test_a_class_that_is_not_there_is_said_clearly(start, unruly: Unruly) -> Non
 
 
 @pytest.mark.parametrize(
-    ("can", "words"), [("udp", "give the port, as in --can udp:45000"), ("direct", "with --can direct all is in one")]
+    ("can", "words"),
+    [("udp", "give the port: --can udp:45000"), ("direct", "--can direct runs everything in one process")],
 )
 def test_an_external_ecu_that_could_not_take_part_is_refused(start, can: str, words: str) -> None:
     run = start(set=SHORT, can=can, without=["veh2.tracker"])

@@ -118,7 +118,7 @@ def test_a_run_waits_for_all_and_says_who_did_not_come(begin: Start, start: Call
     assert code == 1
     veh1, v2v, veh3 = (f"udp:{ports() + number}" for number in (1, 0, 3))
     assert f"waiting for veh1.planner on {veh1} and {v2v}; veh3.tracker on {veh3} (at most 8 s)" in output
-    assert "veh3.tracker did not come within 8 s" in errors
+    assert "veh3.tracker not detected within 8 s" in errors
     assert "veh1.planner" not in errors
     run.assert_all_gone()
     assert Run(run.out).metadata["status"] == "failed"

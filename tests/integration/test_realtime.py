@@ -82,7 +82,7 @@ def test_a_crash_makes_the_actuators_hold_and_the_run_goes_on(tmp_path: Path) ->
 
 
 def test_one_process_cannot_keep_real_time(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="--clock realtime: with --can direct all is in one process"):
+    with pytest.raises(BadInput, match="--clock realtime: --can direct "):
         realtime(tmp_path / "run.mcap", can="direct")
     assert list(tmp_path.iterdir()) == []
 
