@@ -1,7 +1,7 @@
 """The log's raw CAN frame, `platoon.CanFrame`: host receive time, identifier, time on the wire, data.
 
-The simulated time of a frame's cycle is the log_time of its message. Data comes last, so that all before it has a fixed
-place.
+The simulated time of a frame's cycle is the log_time of its message. Data comes last, so that all other fields have a
+fixed position.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _HEAD = Layout(
 )
 _DATA_NUMBER = len(_HEAD.fields) + 1
 _DATA_TAG = tag(_DATA_NUMBER, 2)
-# The length of the data stands before the data, as a varint of one byte.
+# The length of the data precedes the data, as a varint of one byte.
 DATA_AT = _HEAD.dtype.itemsize + len(_DATA_TAG) + 1
-# What logs had before they had times on the wire.
+# The fields of older logs, without times on the wire.
 _OLD_HEAD, _OLD_DATA_TAG = Layout(_RECEIVED), tag(3, 2)
 
 
@@ -39,7 +39,7 @@ class Frame(NamedTuple):
     """One recorded frame; times in ns.
 
     `time_ns` is the simulated time of its cycle, `receive_ns` the host's when it was received, `wire_ns` the simulated
-    time of its end on the wire (0 where it was on none), `response_ns` that since it waited for the bus.
+    time of its end on the wire (0 if never on the wire), `response_ns` the time from its release to that end.
     """
 
     time_ns: int
@@ -92,10 +92,10 @@ def read(
 ) -> bool:
     """Read encoded frames of `length` (n,) bytes at `at` (n,) into columns of `table`, those that `fill` takes.
 
-    Frames of an older log have no times on the wire; those columns are left as they are.
+    Frames of an older log have no times on the wire; those columns are left unchanged.
 
     Returns:
-        Whether all of them were in the form that `fill` writes, or did.
+        Whether all frames have a layout written by this or an older version.
     """
     return _read(data, at, length, table, _HEAD, _DATA_TAG) or _read(data, at, length, table, _OLD_HEAD, _OLD_DATA_TAG)
 

@@ -18,19 +18,19 @@ _NEAR = 5
 
 
 class Place(NamedTuple):
-    """Where a signal is."""
+    """The place of a signal in the log."""
 
     topic: str
     field: str
 
 
 def topic_name(topic: str) -> str:
-    """Return a topic as it stands in the names of its signals."""
+    """Return a topic as written in the names of its signals."""
     return topic.removeprefix("/").removeprefix("signals/").replace("/", ".")
 
 
 def check_text(**arguments: object) -> None:
-    """Refuse arguments (name -> value) that are no text.
+    """Check that arguments (name -> value) are text.
 
     Raises:
         BadInput: one is not.
@@ -49,7 +49,7 @@ class Catalogue:
         Args:
             path: the log.
             decoders: of the topics.
-            has_frames: whether the log has raw frames, too.
+            has_frames: whether the log also has raw frames.
         """
         self._path = path
         self._has_frames = has_frames
@@ -68,7 +68,7 @@ class Catalogue:
         """Return the signals of some names or patterns, each once, in that order.
 
         Raises:
-            BadInput: there is no such signal, or none was asked for.
+            BadInput: there is no such signal, or no name is given.
         """
         if not isinstance(patterns, Iterable):
             check_text(names=patterns)
@@ -85,7 +85,7 @@ class Catalogue:
         return found
 
     def place(self, name: str) -> Place:
-        """Return where the signal of this name is.
+        """Return the place of the signal of this name.
 
         Raises:
             BadInput: there is no such signal.
@@ -110,7 +110,7 @@ class Catalogue:
             return BadInput(f"{self._path} has no {what} {name!r}: it holds {frames if self._has_frames else 'none'}")
         by_lower = {each.lower(): each for each in known}
         near = [by_lower[each] for each in difflib.get_close_matches(name.lower(), by_lower, _NEAR)]
-        # A name that lacks its bus, say, is far from every whole name.
+        # A name without its bus, for example, is not similar to any complete name.
         near += [each for each in known if name.lower().strip("*.") in each.lower() and each not in near]
         if near:
             mend = f"near are {', '.join(near[:_NEAR])}"

@@ -16,7 +16,7 @@ from bench.record.time_join import whole_ns
 class Columns(dict[str, npt.NDArray[Any]]):
     """The values of a topic by name, each (n,), and `t`, the time in s.
 
-    Asking for a value that the topic does not have raises BadInput, as the log is not what it should be.
+    Access to a value that the topic does not have raises BadInput: the log is not as expected.
     """
 
     def __init__(self, where: str, values: Mapping[str, npt.NDArray[Any]]) -> None:
@@ -25,12 +25,12 @@ class Columns(dict[str, npt.NDArray[Any]]):
 
     @property
     def nbytes(self) -> int:
-        """How much memory the values take."""
+        """Memory used by the values, bytes."""
         return sum(values.nbytes for values in self.values())
 
     @property
     def time_ns(self) -> npt.NDArray[np.int64]:
-        """The time in whole ns, as the log has it (n,)."""
+        """The time in whole ns, as in the log (n,)."""
         return whole_ns(self["t"])
 
     def select(self, rows: npt.NDArray[Any]) -> Columns:
@@ -42,5 +42,5 @@ class Columns(dict[str, npt.NDArray[Any]]):
         return self.select(span.holds(self.time_ns))
 
     def __missing__(self, name: str) -> npt.NDArray[Any]:
-        """Refuse a value the topic does not have."""
+        """Raise BadInput for a value that the topic does not have."""
         raise BadInput(f"{self._where} has no {name!r}; it has {', '.join(key for key in self if key != 't')}")

@@ -1,6 +1,6 @@
-"""Compares two runs frame by frame: the same scenario and seed must have put the same bytes on every bus.
+"""Compares two runs frame by frame: the same scenario and seed must give the same bytes on every bus.
 
-Messages that carry wall-clock figures (DBC attribute WallClock) are left out, and so is the host's receive time.
+Messages with wall-clock times (DBC attribute WallClock) and the host's receive time are ignored.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bench.record.meaning import Meaning, meanings
 from bench.record.reader import Run
 from bench.record.time_join import same_times
 
-# What makes two frames the same.
+# The columns that must be equal in two equal frames.
 _COMPARED = ("time", "can_id", "length", "data")
 
 _SAME_TIME_S = 1e-9
@@ -29,7 +29,7 @@ _SAME_TIME_S = 1e-9
 
 @dataclass(frozen=True)
 class FirstDifference:
-    """Where two runs part: the frame of each, described; None where a run has no frame left."""
+    """The first difference of two runs: the frame of each as text; None if a run has no more frames."""
 
     time_s: float
     bus: str
@@ -39,7 +39,7 @@ class FirstDifference:
 
 @dataclass(frozen=True)
 class SignalDifference:
-    """One signal that differs: from when, in how many of its values, and by how much at most (NaN if not a number)."""
+    """A signal that differs: start, number of differing values, and largest difference (NaN if not a number)."""
 
     bus: str
     message: str
@@ -51,20 +51,19 @@ class SignalDifference:
 
     @property
     def at_most(self) -> str:
-        """By how much it differs, as text."""
+        """The largest difference, as text."""
         return f"by at most {self.largest:.6g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True)
 class Difference:
-    """What differs between two runs.
+    """The differences between two runs.
 
     Attributes:
-        frames: how many frames each run has, wall-clock messages left out.
-        first: the earliest difference, None where all frames are the same.
-        signals: the signals that differ, in the order of when they begin to.
-        notes: differences that are not of a signal: buses, messages or frames that only one run has, and where one ends
-            before the other.
+        frames: number of frames of each run, without wall-clock messages.
+        first: the earliest difference, None if all frames are the same.
+        signals: the signals that differ, sorted by the start of the difference.
+        notes: other differences: buses, messages or frames that only one run has, and a run that ends earlier.
     """
 
     frames: tuple[int, int]
@@ -149,8 +148,8 @@ def _frames(run: Run, bus: str, left_out: set[int]) -> npt.NDArray[Any]:
     table = table[~np.isin(table["can_id"], list(left_out))]
     if not table["wire"].any():
         return table
-    # Of a bus that is overloaded, a frame stands in the log when it has been on the wire at last, and how much was
-    # written before that depends on the host's clock. Announcements of absent frames are on no wire, in any order.
+    # On an overloaded bus, a frame is logged only after its transmission, and what was written before depends on the
+    # host's clock. Announcements of absent frames are never on the wire and have no order.
     never = table["wire"] == 0
     text = np.where(never, np.ascontiguousarray(table["data"]).view(">u8")[:, 0], 0)
     return table[np.lexsort((text, table["wire"], never, table["time"]))]
@@ -183,12 +182,12 @@ def _first_difference(
 
 
 def _describe(meaning: Meaning | None, row: Any, before: int) -> str:
-    """Return a frame as text: time, identifier, bytes and, where that is known, its signals.
+    """Return a frame as text: time, identifier, bytes and, if known, its signals.
 
     Args:
         meaning: of its bus.
         row: the frame, of `Run.frame_table`.
-        before: how many frames of its identifier were on that bus before it; in one cycle there may be several.
+        before: number of earlier frames of its identifier on that bus; one cycle may have several.
     """
     can_id, data = int(row["can_id"]), row["data"].tobytes()[: int(row["length"])]
     text = f"{int(row['time']) / NS:.3f} s 0x{can_id:03X} [{data.hex(' ')}]"
@@ -196,7 +195,7 @@ def _describe(meaning: Meaning | None, row: Any, before: int) -> str:
     if meaning is None or name is None:
         return text
     message = meaning.message(name)
-    # Where a frame had a wrong length it was not decoded, and its rank in the log tells nothing.
+    # A frame of wrong length was not decoded, so the rank in the log does not identify the frame.
     if before >= len(message.columns["t"]) or abs(message.columns["t"][before] - row["time"] / NS) >= _SAME_TIME_S:
         return f"{text} {name}"
     return f"{text} {name}: {message.text(before)}"
@@ -205,7 +204,7 @@ def _describe(meaning: Meaning | None, row: Any, before: int) -> str:
 def _signal_differences(
     meant: tuple[Meaning, Meaning], bus: str, message: str, end_s: float
 ) -> tuple[list[SignalDifference], list[str]]:
-    """Return the signals of a message that differ, and that before `end_s` it came more often in one of the runs."""
+    """Return the signals of a message that differ, and a note if one run has more of its frames before `end_s`."""
     messages = meant[0].message(message), meant[1].message(message)
     tables = messages[0].columns, messages[1].columns
     rows = same_times(tables[0]["t"], tables[1]["t"])
@@ -226,7 +225,7 @@ def _signal_differences(
                 )
             )
     if len(found) > 1:
-        # The CRC follows from the rest; only where that is the same does it tell something.
+        # The CRC follows from the other signals; a difference matters only if those are equal.
         found = [signal for signal in found if signal.signal != CRC_SIGNAL]
     lengths = tuple(int((table["t"] < end_s).sum()) for table in tables)
     notes = [f"{message} on {bus}: {lengths[0]} frames in A, {lengths[1]} in B"] if lengths[0] != lengths[1] else []

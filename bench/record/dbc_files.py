@@ -1,7 +1,7 @@
-"""Which DBC file describes each bus of a log: the files attached to it, and the codecs made of them.
+"""The DBC file of each bus of a log: the attached files, and their codecs.
 
-The channel of a bus's raw frames, `/can/<bus>`, names in its metadata the attachment that is the bus's DBC file. Logs
-from before that have none there: of those, `v2v.dbc` is for v2v and `vehicle.dbc` for every other bus.
+The channel of a bus's raw frames, `/can/<bus>`, names in its metadata the attachment that is the bus's DBC file. Older
+logs do not name it: there `v2v.dbc` describes v2v and `vehicle.dbc` every other bus.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from bench.errors import BadInput
 from bench.record.topic_reader import LogDamaged
 
 METADATA = "dbc"
-"""Key in the metadata of a bus's channel: the name of the attachment; empty where no DBC file describes the bus."""
+"""Key in the metadata of a bus's channel: the name of the attachment; empty if no DBC file describes the bus."""
 
 
 def attached_files(codecs: Mapping[str, Codec], others: Mapping[str, bytes]) -> tuple[dict[str, str], dict[str, bytes]]:
-    """Return what a new log of these buses needs: bus -> name of the attachment, and all attachments by name.
+    """Return the DBC attachments of a new log: bus -> name of the attachment, and all attachments by name.
 
-    Two files of one name get a name each.
+    Different files of the same name get different names.
 
     Args:
-        codecs: of each bus.
-        others: what is attached besides.
+        codecs: codec of each bus.
+        others: other attachments.
     """
     names: dict[str, str] = {}
     files = dict(others)
@@ -65,13 +65,13 @@ class DbcFiles:
         self._codecs: dict[str, Codec | None] = {}
 
     def content(self, bus: str) -> bytes | None:
-        """Return the DBC file that is attached for `bus`, None where there is none."""
+        """Return the DBC file attached for `bus`, None if absent."""
         return self._attachments.get(self._name(bus))
 
     def codec(self, bus: str) -> Codec | None:
-        """Return the codec of the DBC file attached for `bus`; None where there is none, or it cannot be used.
+        """Return the codec of the DBC file attached for `bus`; None if absent or unusable.
 
-        Of a file that cannot be used one warning is given, `LogDamaged`; what needs no DBC file goes on without it.
+        An unusable file gives one warning, `LogDamaged`; data that needs no DBC file stays readable.
         """
         name = self._name(bus)
         if name not in self._attachments:
@@ -81,7 +81,7 @@ class DbcFiles:
                 self._codecs[name] = Codec.from_bytes(self._attachments[name], name)
             except BadInput as error:
                 self._codecs[name] = None
-                warnings.warn(f"the DBC file attached to {self._log} is left out: {error}", LogDamaged, stacklevel=3)
+                warnings.warn(f"the DBC file attached to {self._log} is ignored: {error}", LogDamaged, stacklevel=3)
         return self._codecs[name]
 
     def _name(self, bus: str) -> str:

@@ -1,4 +1,4 @@
-"""What vehicles and road look like wherever a run is drawn: colours, body outline, lane markings."""
+"""Appearance of vehicles and road in all drawings: colours, body outline, lane markings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _COLOURS = (
 )
 
 LANE_WIDTH = 3.5
-"""Width of a lane as drawn, m; the bench's roads have lane middles only."""
+"""Width of a drawn lane, m; the bench's roads have only lane centres."""
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Body:
     """A passenger car around the wheelbase and tread of Table 1, for drawing only.
 
     Attributes:
-        front, rear: reach ahead of and behind the centre of mass, m.
-        width: m.
+        front, rear: extent ahead of and behind the centre of mass, m.
+        width: width, m.
         boxes: middle along x [m], base above the road [m], (length, width, height) [m] and opacity of each box.
     """
 

@@ -1,7 +1,6 @@
-"""What happened in a run, as its log has it: `platoon.Event`, on a topic of its own, whole.
+"""Events in the log: `platoon.Event`, complete, on a separate topic.
 
-So `/events` is nothing but Foxglove's schema, and a program has to read one topic only. Logs from before have nothing
-but `/events`.
+So `/events` keeps Foxglove's schema, and a program needs to read only one topic. Older logs have only `/events`.
 """
 
 from __future__ import annotations
@@ -32,15 +31,15 @@ _FIELDS = {
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened.
+    """An event of a run.
 
     Attributes:
         time_s: simulated time in s.
-        level: how grave it is, one of `bench.events.Level`.
-        source: who says so.
-        text: the event in words, for people.
-        kind: what has happened, see `bench.events`.
-        fields: what events of this kind have beside, by name.
+        level: severity, one of `bench.events.Level`.
+        source: source of the event.
+        text: text for people.
+        kind: kind of the event, see `bench.events`.
+        fields: further fields of this kind, by name.
     """
 
     time_s: float
@@ -69,7 +68,7 @@ def encoded(event: events.Event) -> bytes:
     """Return an event as a message.
 
     Raises:
-        ValueError: its fields hold what JSON cannot.
+        ValueError: its fields are not JSON values.
     """
     fields = json.dumps(event.fields, ensure_ascii=False, allow_nan=False)
     values = {"kind": event.kind, "level": event.level, "source": event.source, "text": event.text, "fields": fields}
@@ -77,11 +76,11 @@ def encoded(event: events.Event) -> bytes:
 
 
 def read(time_s: float, message: Any) -> Event:
-    """Return the event that a message of `TOPIC` is.
+    """Return the event in a message of `TOPIC`.
 
     Raises:
-        ValueError: its fields are no JSON object.
-        AttributeError: it is no `platoon.Event`.
+        ValueError: its fields are not a JSON object.
+        AttributeError: it is not a `platoon.Event`.
     """
     fields = json.loads(message.fields)
     if not isinstance(fields, dict):
@@ -90,10 +89,10 @@ def read(time_s: float, message: Any) -> Event:
 
 
 def read_old(time_s: float, log: Any) -> Event:
-    """Return the event that a message of `OLD_TOPIC` is, in a log that has no other.
+    """Return the event in a message of `OLD_TOPIC`, in a log without `TOPIC`.
 
     Raises:
-        AttributeError: it is no `foxglove.Log`.
+        AttributeError: it is not a `foxglove.Log`.
     """
     level = foxglove.LEVEL_NAMES.get(log.level, "info")
     return Event(time_s, level, log.name, log.message, *kind_and_fields(level, log.name, log.message))

@@ -1,8 +1,8 @@
-"""Poses, scene, plans and events as Foxglove's well-known messages, so that its viewers show a run as it is.
+"""Poses, scene, plans and events as Foxglove's well-known messages, so that its viewers show a run directly.
 
 https://docs.foxglove.dev/docs/sdk/schemas; the descriptors come from the package `foxglove-schemas-protobuf`.
 Frames: `map` is the road frame (X along the road, Y to the left, Z up), `veh<i>` the body frame of vehicle i at its
-centre of mass projected onto the road (ISO 8855 axes), `veh<i>/slot` where its planner is heading, along the road.
+centre of mass projected onto the road (ISO 8855 axes), `veh<i>/slot` its planner's target, along the road.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def frame_id(vehicle: int) -> str:
 
 
 def slot_frame_id(bus: str) -> str:
-    """Return the name of the frame of the slot that the planner on `bus` is heading for."""
+    """Return the name of the frame of the planner's target slot on `bus`."""
     return f"{bus}/slot"
 
 
@@ -86,7 +86,7 @@ def slots(time_ns: int, places: Mapping[str, tuple[float, float]]) -> bytes:
 
 
 def plan(time_ns: int, x: float, y: float) -> bytes:
-    """Return a plan of one pose in the road frame: where the planner is heading."""
+    """Return a plan of one pose in the road frame: the planner's target."""
     message = PosesInFrame(frame_id=MAP_FRAME)
     message.timestamp.FromNanoseconds(time_ns)
     pose = message.poses.add()
@@ -99,7 +99,7 @@ def log(time_ns: int, level: str, source: str, text: str) -> bytes:
     """Return a log message.
 
     Raises:
-        KeyError: `level` is none of `LEVELS`.
+        KeyError: `level` is not one of `LEVELS`.
     """
     message = Log(level=LEVELS[level], name=source, message=text)
     message.timestamp.FromNanoseconds(time_ns)

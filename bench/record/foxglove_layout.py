@@ -1,6 +1,6 @@
 """A layout for Foxglove and Lichtblick: the road from above, the paper's figures, states, events, the machine.
 
-Import it there as a file; what it names are the topics and fields of a log (`bench.record.writer`).
+Import it there as a file; it refers to the topics and fields of a log (`bench.record.writer`).
 https://docs.foxglove.dev/docs/visualization/layouts
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 from bench.record.drawing import colour
 from bench.record.foxglove import MAP_FRAME, frame_id
 
-# Topic with {} for the vehicle, field, and what it is called where a plot shows more than one curve a vehicle.
+# Topic with {} for the vehicle, field, and label if a plot has more than one curve per vehicle.
 _Curve = tuple[str, str, str]
 
 _PLOTS: tuple[tuple[str, str, Sequence[_Curve]], ...] = (
@@ -35,7 +35,7 @@ _STATES = (("planner", "/signals/{}/PlannerStatus", "State"), ("tracker", "/sign
 
 
 def layout(vehicles: int) -> dict[str, Any]:
-    """Return the layout for logs of so many vehicles, as the object that the layout file has as JSON."""
+    """Return the layout for logs of this number of vehicles, as the JSON object of the layout file."""
     names = [frame_id(vehicle) for vehicle in range(1, vehicles + 1)]
     panels: dict[str, Any] = {f"Plot!{key}": _plot(title, curves, names) for key, title, curves in _PLOTS}
     panels["3D!road"] = _road(names)
@@ -66,7 +66,7 @@ def _plot(title: str, curves: Iterable[_Curve], names: Sequence[str]) -> dict[st
     for topic, field, what in curves:
         for vehicle, name in enumerate(names, start=1):
             path = _path(topic.format(name), field, f"{name} {what}".strip())
-            # What is asked for is thinner than what came of it.
+            # References are drawn thinner than true values.
             paths.append(path | {"color": colour(vehicle), "lineSize": 1.0 if what else 2.0})
     return {
         "title": title,

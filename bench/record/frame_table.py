@@ -30,12 +30,12 @@ def frames_of(part: Part, decoder: TopicDecoder) -> npt.NDArray[Any]:
     """Return the frames of messages (n,) as a `FRAME_TABLE` (n,).
 
     Raises:
-        BadInput: a message is no frame of at most 8 bytes.
+        BadInput: a message is not a frame of at most 8 bytes.
     """
     table = np.zeros(len(part.offsets), FRAME_TABLE)
     table["time"] = part.heads["log_time"].astype(np.int64)
     if not can_frame.read(part.data, part.payload_at, part.payload_size, table):
-        # Another writer encoded them in its own way.
+        # Another writer used a different encoding.
         for number, payload in enumerate(part.payloads()):
             table[number] = (table["time"][number], *_parsed(decoder, payload))
     return table
@@ -47,7 +47,7 @@ def _parsed(decoder: TopicDecoder, payload: bytes) -> tuple[Any, ...]:
         data: bytes = message.data
         if len(data) > can_frame.MAX_DATA:
             raise BadInput(f"topic {decoder.topic} has a frame of {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
-        # As `can_frame.read` takes them, whatever they are.
+        # The columns that `can_frame.read` fills, whatever they are.
         times = np.array([message.receive_time, message.wire_time, message.response_time], np.uint64).astype(np.int64)
         return *times, np.uint32(message.id), len(data), list(data.ljust(can_frame.MAX_DATA, b"\0"))
     except (AttributeError, TypeError, OverflowError) as error:

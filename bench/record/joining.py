@@ -1,4 +1,4 @@
-"""Signals as polars tables: joined on one time base, messages as they were, events.
+"""Signals as polars tables: joined on one time base, messages as recorded, events.
 
 Time is the column `t` in s. A table goes to pandas through Arrow: `table.to_pandas()`.
 """
@@ -23,7 +23,7 @@ from bench.record.topic_decoder import TopicDecoder
 from bench.record.topic_reader import TopicReader
 
 MAX_ROWS = 50_000_000
-"""Rows of a table, at most: a step that makes more is taken for a slip."""
+"""Maximum number of rows of a table: a step that gives more is probably a mistake."""
 
 Times = npt.NDArray[np.int64]
 
@@ -34,7 +34,7 @@ def joined(
     """Return the signals of `places` (name -> place) joined, see `Run.table`.
 
     Raises:
-        BadInput: the step is no time, or makes too many rows.
+        BadInput: the step is invalid, or gives too many rows.
     """
     step = None if every_s is None else step_ns(every_s)
     topics = list(dict.fromkeys(place.topic for place in places.values()))
@@ -47,7 +47,7 @@ def joined(
     for name, (topic, field) in places.items():
         held = rows[topic]
         values = _series(name, tables[topic][field], log.decoder(topic), field, labels=labels)
-        # An index of None gives null: nothing has come until then.
+        # An index of None gives null: no value yet.
         index = (
             pl.Series(held).set(pl.Series(held < 0), None) if len(values) else pl.repeat(None, len(held), eager=True)
         )
@@ -59,7 +59,7 @@ def step_ns(every_s: float) -> int:
     """Return a step in ns.
 
     Raises:
-        BadInput: it is no time of 1 ns or more.
+        BadInput: it is less than 1 ns.
     """
     step = to_ns(every_s, "--every / every_s")
     if step <= 0:
@@ -68,7 +68,7 @@ def step_ns(every_s: float) -> int:
 
 
 def message_table(columns: Columns, decoder: TopicDecoder, *, labels: bool) -> pl.DataFrame:
-    """Return the values of a topic as they are."""
+    """Return the values of a topic as recorded."""
     series = [_series(name, columns[name], decoder, name, labels=labels) for name in decoder.names]
     return pl.DataFrame([pl.Series("t", columns["t"]), *series])
 
@@ -82,7 +82,7 @@ def event_table(events: Sequence[Event]) -> pl.DataFrame:
 
 
 def signal_table(log: TopicReader, places: Mapping[str, Place], *, ranges: bool) -> pl.DataFrame:
-    """Return what is known of the signals of `places` (name -> place), see `Run.signal_table`."""
+    """Return a description of the signals of `places` (name -> place), see `Run.signal_table`."""
     spans = {topic: log.span(topic) for topic in {place.topic for place in places.values()}}
     limits = _limits(log, places) if ranges else {}
     rows = []
@@ -98,7 +98,7 @@ def signal_table(log: TopicReader, places: Mapping[str, Place], *, ranges: bool)
 
 
 def _limits(log: TopicReader, places: Mapping[str, Place]) -> dict[str, tuple[float, float]]:
-    """Return the least and the largest value of each signal that has any; NaN does not count."""
+    """Return minimum and maximum of each signal with values, ignoring NaN."""
     found: dict[str, tuple[float, float]] = {}
     for topic in dict.fromkeys(place.topic for place in places.values()):
         table = log.tables([topic])[topic]
@@ -112,7 +112,7 @@ def _limits(log: TopicReader, places: Mapping[str, Place]) -> dict[str, tuple[fl
 
 
 def _in_order(table: Columns) -> Columns:
-    """Return a table in the order of time; what is of one time stays in the order of the file."""
+    """Return a table sorted by time; rows of one time stay in the order of the file."""
     times = table.time_ns
     return table if (np.diff(times) >= 0).all() else table.select(np.argsort(times, kind="stable"))
 
@@ -127,7 +127,7 @@ def _steps(times: Mapping[str, Times], span: Span, step: int) -> Times:
     if not ends and (span.start_ns < 0 or span.end_ns == FOREVER_NS):
         return np.empty(0, np.int64)
     start = min(first for first, _ in ends) if span.start_ns < 0 else span.start_ns
-    # Where an end was asked for, the last values are held until there.
+    # If an end is given, the last values are held until then.
     end = max(last for _, last in ends) + 1 if span.end_ns == FOREVER_NS else span.end_ns
     if (end - start) / step > MAX_ROWS:
         makes = f"makes {(end - start) // step} rows, more than {MAX_ROWS}; give a larger one"
@@ -140,7 +140,7 @@ def _series(name: str, values: npt.NDArray[Any], decoder: TopicDecoder, field: s
     if not labels or table is None:
         return pl.Series(name, values.astype(decoder.dtypes[field]))
     numbers, index = np.unique(values, return_inverse=True)
-    # A value that the table does not name stands as its number.
+    # A value without a name in the table is given as its number.
     texts = [table.get(int(number), str(int(number))) for number in numbers]
     known = dict.fromkeys([*table.values(), *texts])
     return pl.Series(name, np.array(texts, object)[index].tolist(), dtype=pl.Enum(list(known)))

@@ -1,9 +1,8 @@
-"""Flat protobuf messages whose every record has the same bytes but for the values.
+"""Flat protobuf messages whose records differ only in the values.
 
 Protobuf lets a field be of fixed width (double, float, fixed32, ...), and a message may carry every field, in order,
-even where its value is the default. Records of such a message have one layout, so that numpy can write and read
-thousands of them at once, while any protobuf library still sees plain protobuf. An enumeration below 128 is a varint
-of one byte.
+even if its value is the default. Records of such a message have one layout, so that numpy can write and read thousands
+of them at once, while any protobuf library can still read them. An enumeration below 128 is a varint of one byte.
 Encoding: https://protobuf.dev/programming-guides/encoding/
 """
 
@@ -45,7 +44,7 @@ class Field:
         name: field name, an identifier.
         kind: how the value is encoded.
         unit: physical unit, empty for none.
-        comment: what the value is.
+        comment: description of the value.
         names: the value table of an `enum`, value -> name; values 0..127.
     """
 
@@ -95,7 +94,7 @@ class Layout:
 
     @classmethod
     def of(cls, kind: type[Message]) -> Layout | None:
-        """Return the layout of a message read from a file, or None where it is not flat and of fixed width."""
+        """Return the layout of a message read from a file, or None if it is not flat and of fixed width."""
         fields = []
         found: list[Any] = sorted(kind.DESCRIPTOR.fields, key=lambda f: f.number)
         for number, item in enumerate(found, start=1):
@@ -112,7 +111,7 @@ class Layout:
     def view(self, records: npt.NDArray[np.uint8]) -> npt.NDArray[Any] | None:
         """Return encoded records, shape (n, dtype.itemsize), as a structured array (n,).
 
-        None where a tag is not where this layout has it: then another writer made them and they must be parsed.
+        None if a tag is not where this layout has it: then another writer created them and they must be parsed.
         """
         if records.shape[1] != self.dtype.itemsize:
             return None
@@ -136,7 +135,7 @@ def _names(item: Any) -> dict[int, str]:
 
 
 def identifier(text: str) -> str:
-    """Return `text` with everything that may not stand in a protobuf name replaced by `_`."""
+    """Return `text` with all characters not allowed in a protobuf name replaced by `_`."""
     name = re.sub(r"\W", "_", text, flags=re.ASCII)
     return name if name[:1].isalpha() else f"_{name}"
 
@@ -144,8 +143,8 @@ def identifier(text: str) -> str:
 def file_descriptor_set(full_name: str, layout: Layout, comment: str = "") -> bytes:
     """Return the serialised FileDescriptorSet that describes `layout` as the proto3 message `full_name`.
 
-    Units and comments go in as leading comments, as protoc would keep them. Each value table becomes an enumeration
-    in a message scope of its own, since protobuf wants value names unique within the enclosing scope.
+    Units and comments go in as leading comments, as protoc would keep them. Each value table becomes an enumeration in
+    a separate message scope, because protobuf requires unique value names within the enclosing scope.
     """
     package, _, name = full_name.rpartition(".")
     file = descriptor_pb2.FileDescriptorProto(name=f"{full_name}.proto", package=package, syntax="proto3")
@@ -171,7 +170,7 @@ def _comment(file: descriptor_pb2.FileDescriptorProto, path: list[int], text: st
 def _add_enum(scope: descriptor_pb2.DescriptorProto, names: Mapping[int, str]) -> None:
     enum = scope.enum_type.add(name="Enum")
     taken: set[str] = set()
-    # proto3 wants the first value to be zero.
+    # proto3 requires the first value to be zero.
     for number, text in sorted({0: "Value0", **names}.items()):
         name = identifier(text)
         name = f"{name}_{number}" if name in taken else name

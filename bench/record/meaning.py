@@ -1,4 +1,4 @@
-"""What the frames on a bus mean: the signals that a log has decoded, or its raw frames decoded by a DBC file."""
+"""The decoded signals of a bus: those decoded in the log, or its raw frames decoded with a DBC file."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Message:
 
     Attributes:
         columns: its signals by name, each (n,), and `t` in s.
-        units: of those signals that have one.
-        labels: names of values by signal, where it has a table of them.
+        units: units of the signals that have one.
+        labels: names of values, by signal with a value table.
     """
 
     columns: Columns
@@ -36,21 +36,21 @@ class Message:
 
 
 def value_text(signal: str, value: float, unit: str, labels: Mapping[int, str]) -> str:
-    """Return a signal's value as text: by its name in the table of values, else with its unit."""
+    """Return a signal's value as text: its name in the value table, else with its unit."""
     label = labels.get(int(value)) if value.is_integer() else None
     return f"{signal} {value:.9g} {unit}".rstrip() if label is None else f"{signal} {label}"
 
 
 class Meaning:
-    """What the frames on one bus of a log mean.
+    """The decoded signals of one bus of a log.
 
     Attributes:
-        can_ids: identifiers of its messages by name, in their order.
-        wall_clock_ids: identifiers of the messages that carry wall-clock figures.
+        can_ids: identifiers of its messages by name, in order.
+        wall_clock_ids: identifiers of the messages that carry wall-clock times.
     """
 
     def __init__(self, run: Run, bus: str, codec: Codec | None = None) -> None:
-        """Take what the log has decoded, or with a codec its raw frames."""
+        """Use the log's decoded signals, or with a codec its raw frames."""
         self._run, self._bus, self._codec = run, bus, codec
         self.wall_clock_ids = run.wall_clock_ids(bus)
         if codec is None:
@@ -62,7 +62,7 @@ class Meaning:
             self.wall_clock_ids |= {can_id for can_id in self.can_ids.values() if codec.is_wall_clock(can_id)}
 
     def message(self, name: str) -> Message:
-        """Return all frames of a message that have its length.
+        """Return all frames of a message with the correct length.
 
         Raises:
             BadInput: there is no such message.
@@ -91,10 +91,10 @@ class Meaning:
 
 
 def meanings(a: Run, b: Run, bus: str) -> tuple[Meaning, Meaning] | None:
-    """Return what the frames of a bus mean in two logs, by the same rules in both.
+    """Return the decoded signals of a bus in two logs, by the same rules in both.
 
-    As the logs have decoded them; where one has not, by the DBC file attached to either, else by the bench's own if one
-    is the log of a run. None where nothing tells.
+    As decoded in the logs; if one has none, with the DBC file attached to either, else with the bench's own if one is
+    the log of a run. None if there is no DBC.
     """
     if all(run.messages(bus) for run in (a, b)):
         return Meaning(a, bus), Meaning(b, bus)

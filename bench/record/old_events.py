@@ -1,6 +1,6 @@
-"""Kind and fields of the events of logs from before there were any: found in their texts, as they were written then.
+"""Kind and fields of events in older logs, which have neither: parsed from their texts as written then.
 
-The texts are those of the past, and stay as they are here whatever `bench.events` says today.
+The patterns match the old texts and do not change with `bench.events`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _PARAMETER = re.compile(r"(\w+) (\{.*?\}|[^,]+)(?:, |$)")
 
 
 def kind_and_fields(level: str, source: str, text: str) -> Found:
-    """Return what an event of an old log was; `events.OTHER` with no fields where its text says nothing known."""
+    """Return kind and fields of an old log's event; `events.OTHER` without fields if its text is not recognised."""
     if (level, source) == ("fatal", events.CONDUCTOR):
         status = "interrupted" if text.startswith("interrupted by ") else "failed"
         return _of(events.RunEnded(status, text))

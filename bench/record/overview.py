@@ -1,4 +1,4 @@
-"""What a log is, at a glance: for `platoon log info`."""
+"""Summary of a log, for `platoon log info`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.record.reader import Run
 
 @dataclass(frozen=True)
 class TopicCount:
-    """How much there is of a bus or topic: messages, and how many a second of the log's time."""
+    """Messages of a bus or topic: their number, and their rate per second of the log's time."""
 
     name: str
     messages: int
@@ -20,21 +20,21 @@ class TopicCount:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a log is.
+    """Summary of a log.
 
     Attributes:
         path: the file.
         bytes: its size.
-        start_s, end_s: log_time of the earliest and latest message, None where there is none.
-        status: how the run ended, empty for a log that is not of the bench.
-        recovered: for a log that `platoon log recover` made, what from and what was lost; else None.
+        start_s, end_s: log_time of the earliest and latest message, None if there are none.
+        status: status of the run, empty for a log that is not from the bench.
+        recovered: for a log made by `platoon log recover`, its source and losses; else None.
         metadata: of the run, and its result.
         buses: raw frames of each bus.
         topics: all other topics.
-        signals: how many signals and true values there are by name.
-        events: how many there are of each level.
+        signals: number of signals and true values by name.
+        events: number of events of each level.
         attachments: file name -> bytes.
-        damage: what is wrong with the file, empty for a whole one.
+        damage: damage of the file, empty if intact.
     """
 
     path: str
@@ -53,7 +53,7 @@ class Overview:
 
 
 def overview(run: Run) -> Overview:
-    """Return what `run` is, by the file's index, and check all of its chunks; of the messages only events are decoded.
+    """Return the summary of `run` from the file's index, and check all of its chunks; only events are decoded.
 
     Raises:
         BadInput: the events cannot be decoded.
@@ -85,6 +85,6 @@ def overview(run: Run) -> Overview:
 
 def _count(run: Run, topic: str, name: str, whole: Span | None) -> TopicCount:
     messages = run.log.count(topic)
-    # From a first message at the log's beginning to a last one at its end there is one interval less than messages.
+    # Between the first and last messages there is one interval fewer than messages.
     length_ns = whole.end_ns - 1 - whole.start_ns if whole else 0
     return TopicCount(name, messages, round((messages - 1) * NS / length_ns, 3) if length_ns and messages > 1 else None)

@@ -1,4 +1,4 @@
-"""What a process of the bench has taken of the machine, `platoon.ProcessUsage`, once a second of wall-clock time."""
+"""Processor usage of a process of the bench, `platoon.ProcessUsage`, once per second of wall-clock time."""
 
 from __future__ import annotations
 

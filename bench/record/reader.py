@@ -1,7 +1,7 @@
 """A recorded run, read back: signals, truth and frames as numpy arrays, or joined as a table.
 
-Nothing but what is asked for is read, and only that of a short log is kept. A log that was cut off (a killed run) is
-read up to its last whole chunk, after one warning.
+Only requested data is read; only that of a short log is cached. A truncated log (of a killed run) is readable up to its
+last complete chunk, after one warning.
 
     run = Run("logs/formation.mcap")
     t, rate = run.signal("veh1.VehicleMotion.YawRate")
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 __all__ = ["FRAME_TABLE", "Columns", "Event", "LogDamaged", "Run"]
 
 KEPT_BYTES = 32 * 1024 * 1024
-"""Decoded topics that are kept in memory, at most, beside the one that was asked for last."""
+"""Maximum number of decoded topics kept in memory besides the one requested last."""
 
 
 class Run:
@@ -48,11 +48,11 @@ class Run:
 
     Attributes:
         path: the file.
-        log: its topics, for what this class has no name for.
+        log: its topics, for data without a method in this class.
         attachments: file name -> content.
-        result: what the run ended with; empty where it was cut off.
+        result: result of the run; empty if the log is truncated.
         metadata: all metadata of the run and its result, flat.
-        topics: topic -> channel, of everything that was recorded.
+        topics: topic -> channel, of all recorded topics.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -72,12 +72,12 @@ class Run:
         self._kept: OrderedDict[str, Columns] = OrderedDict()
 
     def __repr__(self) -> str:
-        """Return which log this is."""
+        """Return path, number of vehicles and number of topics."""
         return f"Run({str(self.path)!r}): {self.vehicles} vehicles, {len(self.topics)} topics"
 
     @property
     def damage(self) -> str:
-        """What is wrong with the file, so far as it has been read; empty for a whole one."""
+        """Damage found in the file as far as it has been read; empty if intact."""
         return self.log.damage
 
     @property
@@ -90,21 +90,21 @@ class Run:
 
     @property
     def buses(self) -> list[str]:
-        """Names of the buses with frames, in their order."""
+        """Names of the buses with frames, in order."""
         found = [channel for topic, channel in self.topics.items() if topic.startswith("/can/")]
         return [channel.topic.removeprefix("/can/") for channel in sorted(found, key=lambda channel: channel.id)]
 
     @cached_property
     def events(self) -> list[Event]:
-        """What happened, in order."""
+        """The events, in order."""
         return self._events(ALL)
 
     @cached_property
     def scenario_text(self) -> str:
-        """The scenario as TOML, whole, with all defaults.
+        """The complete scenario as TOML, with all defaults.
 
         Raises:
-            BadInput: the log carries none.
+            BadInput: the log has none.
         """
         try:
             return self.attachments["scenario.toml"].decode()
@@ -118,7 +118,7 @@ class Run:
         """The scenario of the run, validated.
 
         Raises:
-            BadInput: the log carries none that this version can read.
+            BadInput: the log has none that this version can read.
         """
         try:
             return from_log(self.scenario_text)
@@ -126,22 +126,22 @@ class Run:
             raise BadInput(f"{self.path}: the scenario attached to it cannot be read: {error}") from error
 
     def codec(self, bus: str) -> Codec | None:
-        """Return the codec of the DBC file attached for `bus`, None where there is none that can be used."""
+        """Return the codec of the DBC file attached for `bus`, None if absent or unusable."""
         return self._dbc_files.codec(bus)
 
     def dbc(self, bus: str) -> bytes | None:
-        """Return the DBC file attached for `bus`, None where there is none."""
+        """Return the DBC file attached for `bus`, None if absent."""
         return self._dbc_files.content(bus)
 
     def messages(self, bus: str) -> list[str]:
-        """Return the names of the messages recorded decoded on `bus`, in the order of their identifiers."""
+        """Return the names of the decoded messages on `bus`, sorted by identifier."""
         prefix = f"/signals/{bus}/"
         found = [topic for topic in self.topics if topic.startswith(prefix)]
         names = [topic.removeprefix(prefix) for topic in found]
         return sorted(names, key=lambda name: (self.can_id(bus, name), name))
 
     def can_id(self, bus: str, message: str) -> int:
-        """Return the identifier of a message, -1 where the log does not tell.
+        """Return the identifier of a message, -1 if the log does not have it.
 
         Raises:
             BadInput: no such message was recorded.
@@ -161,8 +161,8 @@ class Run:
         Args:
             bus: the bus.
             message: the message.
-            start_s: only what is of this time or later.
-            end_s: only what is of an earlier time.
+            start_s: only data of this time or later.
+            end_s: only data of an earlier time.
 
         Raises:
             BadInput: no such message was recorded.
@@ -178,14 +178,14 @@ class Run:
         start_s: float | None = None,
         end_s: float | None = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return the times (n,) in s and the physical values (n,) of a signal: its number, where it has a value table.
+        """Return the times (n,) in s and the physical values (n,) of a signal, numbers if it has a value table.
 
         Args:
             bus: the bus, or, alone, the whole name as `names` gives it: veh1.VehicleMotion.YawRate, truth.veh1.v_x.
             message: the message.
             signal: the signal.
-            start_s: only what is of this time or later.
-            end_s: only what is of an earlier time.
+            start_s: only data of this time or later.
+            end_s: only data of an earlier time.
 
         Raises:
             BadInput: no such signal was recorded.
@@ -202,7 +202,7 @@ class Run:
         """Return a vehicle's true values by their FMU name, and `t`, the time in s; each (n,).
 
         Raises:
-            BadInput: none was recorded.
+            BadInput: none were recorded.
         """
         return self._table(f"/truth/veh{vehicle}", Span.of(start_s, end_s))
 
@@ -217,7 +217,7 @@ class Run:
     def names(self, pattern: str = "*") -> list[str]:
         """Return the names of all signals and true values that match: `*.VehicleMotion.*`, `truth.veh1.v_?`.
 
-        Upper and lower case count; `*` stands for any text, also over dots, `?` for one character.
+        Case-sensitive; `*` matches any text, including dots, `?` one character.
         """
         check_text(pattern=pattern)
         return self.catalogue.matching(pattern)
@@ -233,19 +233,19 @@ class Run:
     ) -> pl.DataFrame:
         """Return signals joined on one time base: the column `t` in s, and a column for each signal.
 
-        A signal is sampled with zero-order hold, also from before `start_s`; null where it had no value yet. Of several
+        A signal is sampled with zero-order hold, also from before `start_s`; null before its first value. Of several
         values at one time the last in the file counts.
 
         Args:
             names: names or patterns, as of `names`.
-            start_s: only what is of this time or later.
-            end_s: only what is of an earlier time.
-            every_s: at start_s (else where the first of the signals begins) and in steps of this; if not given, at
-                every time that any of the signals has.
+            start_s: only data of this time or later.
+            end_s: only data of an earlier time.
+            every_s: step of the time base from start_s (default: the first signal's start); if not given, all times of
+                the signals.
             labels: signals with a value table as its names, of polars' type Enum, instead of numbers.
 
         Raises:
-            BadInput: there is no such signal, or a time is no good.
+            BadInput: there is no such signal, or a time is invalid.
         """
         # polars takes a while to import.
         from bench.record.joining import joined
@@ -256,12 +256,12 @@ class Run:
     def message_table(
         self, message: str, *, start_s: float | None = None, end_s: float | None = None, labels: bool = False
     ) -> pl.DataFrame:
-        """Return a message as it was, a row for each time it was sent: `t` in s and its signals.
+        """Return a message as recorded, a row for each time it was sent: `t` in s and its signals.
 
         Args:
             message: its name, veh1.VehicleMotion; of the truth, truth.veh1.
-            start_s: only what is of this time or later.
-            end_s: only what is of an earlier time.
+            start_s: only data of this time or later.
+            end_s: only data of an earlier time.
             labels: signals with a value table as its names, of polars' type Enum, instead of numbers.
 
         Raises:
@@ -277,7 +277,7 @@ class Run:
         """Return the events, or those with start_s <= t < end_s; see `joining.event_table`.
 
         Raises:
-            BadInput: a time is no good.
+            BadInput: a time is invalid.
         """
         from bench.record.joining import event_table
 
@@ -285,7 +285,7 @@ class Run:
         return event_table(self.events if span == ALL else self._events(span))
 
     def signal_table(self, pattern: str = "*", *, ranges: bool = False) -> pl.DataFrame:
-        """Return what is known of signals: `name`, `unit`, `values` (how many), `start_s`, `end_s`, `comment`.
+        """Return a description of signals: `name`, `unit`, `values` (their number), `start_s`, `end_s`, `comment`.
 
         Args:
             pattern: as of `names`.
@@ -314,11 +314,11 @@ class Run:
         return str(self.log.channel(topic).metadata.get(f"unit {name}", ""))
 
     def wall_clock_ids(self, bus: str) -> set[int]:
-        """Return the identifiers on `bus` whose frames carry wall-clock figures, which differ from run to run."""
+        """Return the identifiers on `bus` whose frames carry wall-clock times, which differ from run to run."""
         return {self.can_id(bus, message) for message in self.messages(bus) if self.is_wall_clock(bus, message)}
 
     def is_wall_clock(self, bus: str, message: str) -> bool:
-        """Return whether a message carries wall-clock figures.
+        """Return whether a message carries wall-clock times.
 
         Raises:
             BadInput: no such message was recorded.
@@ -329,7 +329,7 @@ class Run:
         """Return all raw frames of a bus in the order of the file, as `FRAME_TABLE`.
 
         Raises:
-            BadInput: no frame was recorded there.
+            BadInput: no frame was recorded on it.
         """
         topic = f"/can/{bus}"
         decoder = self.log.decoder(topic)
@@ -338,7 +338,7 @@ class Run:
         return np.concatenate([np.empty(0, FRAME_TABLE), *tables])
 
     def frames(self, *, start_s: float | None = None, end_s: float | None = None) -> Iterator[Frame]:
-        """Give every raw frame, or those with start_s <= t < end_s, in the order of the file, in bounded memory."""
+        """Yield every raw frame, or those with start_s <= t < end_s, in the order of the file, in bounded memory."""
         buses = {f"/can/{bus}": bus for bus in self.buses}
         for group in self.log.parts(list(buses), Span.of(start_s, end_s)):
             names = [buses[topic] for topic, part in group for _ in range(len(part.offsets))]
@@ -364,14 +364,14 @@ class Run:
                 try:
                     found.append(read(time_ns / NS, message))
                 except (AttributeError, ValueError) as error:
-                    raise BadInput(f"{self.path}: topic {topic} has messages that are no events: {error}") from error
+                    raise BadInput(f"{self.path}: topic {topic} has messages that are not events: {error}") from error
         return found
 
     def _decoder_of_table(self, topic: str) -> TopicDecoder | None:
         try:
             decoder = self.log.decoder(topic)
         except BadInput:
-            # What cannot be read is missed when it is asked for.
+            # Unreadable data raises an error when requested.
             return None
         return decoder if decoder.is_table else None
 

@@ -1,7 +1,7 @@
 """The decoded-signal messages of a log, generated from the DBC, and the decoding of many frames at once into them.
 
 Each DBC message becomes one flat protobuf message with a field per signal: whole numbers for signals without a
-fractional scale, an enumeration for signals with a value table, float for IEEE floats, double for the rest.
+fractional scale, an enumeration for signals with a value table, float for IEEE floats, double for all others.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from bench.errors import BadInput
 from bench.record.can_frame import MAX_DATA
 from bench.record.layout import Field, Kind, Layout, file_descriptor_set, identifier
 
-# A double holds whole numbers up to 2**53 exactly; no wider signal keeps its value.
+# A double holds whole numbers exactly up to 2**53; a wider signal would lose precision.
 _WIDEST = 53
 
 
 @dataclass(frozen=True)
 class SignalMessage:
-    """One DBC message as the log keeps it.
+    """One DBC message in the log's form.
 
     Attributes:
         can_id: identifier on the bus.
         name: DBC name.
         length: bytes in a frame.
         layout: the decoded record.
-        bits: of each field of `layout`.
+        bits: bit layout of each field of `layout`.
         schema_name, schema: full protobuf name and serialised FileDescriptorSet.
-        channel_metadata: what a reader wants to know of the channel: identifier, sender, units, wall clock or not.
+        channel_metadata: description of the channel for readers: identifier, sender, units, wall clock or not.
     """
 
     can_id: int
@@ -100,7 +100,7 @@ class SignalTable:
     """The signals of many messages side by side, to decode any mix of frames at once.
 
     Attributes:
-        first, count: for each message, where its signals start in the table and how many there are.
+        first, count: for each message, index of its first signal in the table and number of signals.
     """
 
     def __init__(self, messages: list[SignalMessage]) -> None:

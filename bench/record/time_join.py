@@ -1,4 +1,4 @@
-"""Values of different times brought together: where two have the same time, and which was the last until a time."""
+"""Joins of values in time: equal times, and zero-order hold."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def same_times(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> tuple[
 def last_until(times_ns: npt.NDArray[np.int64], at_ns: npt.NDArray[np.int64]) -> Rows:
     """Return for each of `at_ns` (n,) the last row of `times_ns` (m,), ascending, that is not later: zero-order hold.
 
-    -1 where there is none. Of several rows of one time the last counts.
+    -1 if there is none. Of several rows of one time the last counts.
     """
     return np.searchsorted(times_ns, at_ns, side="right") - 1

@@ -1,4 +1,4 @@
-"""Decodes the messages of one topic into columns, thousands at once where they are of fixed width."""
+"""Decodes the messages of one topic into columns, thousands at once if they are of fixed width."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DTYPES = {
 
 
 class TopicDecoder:
-    """What the schema of a topic says, and its messages as numbers.
+    """The schema of a topic, and its messages as numbers.
 
     Attributes:
         topic: the topic.
@@ -40,7 +40,7 @@ class TopicDecoder:
     """
 
     def __init__(self, where: str, channel: Channel, schema: Schema | None) -> None:
-        """Take in the schema of `channel`, in the log `where`.
+        """Read the schema of `channel`, in the log `where`.
 
         Raises:
             BadInput: there is no protobuf schema, or it cannot be read.
@@ -68,12 +68,12 @@ class TopicDecoder:
 
     @property
     def is_table(self) -> bool:
-        """Whether the messages are nothing but numbers."""
+        """Whether all fields are numbers."""
         return len(self.names) == len(self._kind.DESCRIPTOR.fields) > 0
 
     @cached_property
     def comments(self) -> dict[str, str]:
-        """What the schema says of each field it says something of, without the unit."""
+        """The schema's comment on each field that has one, without the unit."""
         file = descriptor_pb2.FileDescriptorSet.FromString(self._schema.data).file[-1]
         fields = file.message_type[0].field if file.message_type else []
         found = {}
@@ -81,7 +81,7 @@ class TopicDecoder:
             # Field 2 (field) of field 4 (message_type) of a FileDescriptorProto, see descriptor.proto.
             if len(location.path) == 4 and list(location.path[:3]) == [4, 0, 2] and location.path[3] < len(fields):
                 name = fields[location.path[3]].name
-                # What is no UTF-8, as in a damaged log, comes as bytes.
+                # Text that is not UTF-8, as in a damaged log, is given as bytes.
                 told: str | bytes = location.leading_comments
                 text = (told if isinstance(told, str) else told.decode(errors="replace")).strip()
                 found[name] = text.removesuffix(f"[{self.unit(name)}]").strip()
@@ -99,9 +99,9 @@ class TopicDecoder:
         """
         flat = self._flat(part) if self._layout else None
         if flat is not None:
-            # Copies, so that what else is in the messages is not kept with them.
+            # Copies, so that the complete messages are not kept in memory.
             return {name: flat[name].copy() for name in self.names}
-        # Another writer encoded them in its own way.
+        # Another writer used a different encoding.
         rows = [self.message(payload) for payload in part.payloads()]
         return {name: np.array([getattr(row, name) for row in rows], self.dtypes[name]) for name in self.names}
 
@@ -118,7 +118,7 @@ class TopicDecoder:
             raise BadInput(f"{self._where}: a message {name} cannot be decoded: {error}") from error
 
     def _flat(self, part: Part) -> Any:
-        """Return messages as a structured array (n,), None where they are not in the schema's layout."""
+        """Return messages as a structured array (n,), None if they are not in the schema's layout."""
         if self._layout is None:
             return None
         size = self._layout.dtype.itemsize

@@ -1,4 +1,4 @@
-"""A log's topics, whoever wrote it: what they are, and their messages as columns."""
+"""The topics of any MCAP log, and their messages as columns."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from bench.record.columns import Columns
 from bench.record.topic_decoder import TopicDecoder
 
 _NAMED = 12
-"""Topics that a message names at most."""
+"""Maximum number of topics named in a message."""
 
 _TOLD = 3
-"""Damaged chunks that `TopicReader.damage` names at most, so that it stays a line."""
+"""Maximum number of damaged chunks named in `TopicReader.damage`, so that it stays one line."""
 
 
 class LogDamaged(UserWarning):
-    """A log is cut off or damaged; what could be read was."""
+    """A log is truncated or damaged; its readable part was read."""
 
 
 class TopicReader:
@@ -36,12 +36,12 @@ class TopicReader:
 
     Attributes:
         path: the file.
-        contents: what is in it beside messages.
-        topics: topic -> channel, of everything that was recorded.
+        contents: its contents other than messages.
+        topics: topic -> channel, of all recorded topics.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open a log, and warn where it is damaged.
+        """Open a log, and warn if it is damaged.
 
         Raises:
             BadInput: the file cannot be read or is not a log.
@@ -53,18 +53,18 @@ class TopicReader:
         self._left_out: dict[int, str] = {}
         self._decoders: dict[str, TopicDecoder] = {}
         if self.contents.damage:
-            # Only one warning is given, so it must hold for what is met later, too.
+            # There is only one warning, so it must also cover damage found later.
             self._warn(f"{self.contents.damage}; any chunk that is damaged is left out: platoon log recover lists all")
 
     @property
     def damage(self) -> str:
-        """What is wrong with the file, so far as it has been read; empty for a whole one."""
+        """Damage found in the file as far as it has been read; empty if intact."""
         chunks = [f"a chunk {time} is damaged and left out" for time in self._left_out.values()]
         more = f"{len(chunks) - _TOLD} more chunks are damaged and left out" if len(chunks) > _TOLD else ""
         return "; ".join(filter(None, [self.contents.damage, *chunks[:_TOLD], more]))
 
     def check_chunks(self) -> None:
-        """Read every chunk, so that `damage` tells of all that its checksum does not prove."""
+        """Read every chunk, so that `damage` lists all chunks with a wrong checksum."""
         for number in range(len(self.contents.chunks)):
             if self._file.chunk(number) is None:
                 self._note_damage(number)
@@ -84,7 +84,7 @@ class TopicReader:
             raise BadInput(f"{self.path} has no topic {topic}; recorded are {have}") from None
 
     def _near(self, topic: str) -> list[str]:
-        """Return the topics that stand where `topic` would, those that are most like it first."""
+        """Return the topics of the same kind as `topic`, most similar first."""
         beside = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
         like = difflib.SequenceMatcher(b=topic.lower())
         ratios = {}
@@ -94,10 +94,10 @@ class TopicReader:
         return sorted(beside, key=lambda name: -ratios[name])
 
     def decoder(self, topic: str) -> TopicDecoder:
-        """Return what decodes the messages of a topic.
+        """Return the decoder of a topic.
 
         Raises:
-            BadInput: the topic was not recorded, or has no schema that can be read.
+            BadInput: the topic was not recorded, or has no readable schema.
         """
         if topic not in self._decoders:
             channel = self.channel(topic)
@@ -106,7 +106,7 @@ class TopicReader:
         return self._decoders[topic]
 
     def parts(self, topics: Sequence[str], span: Span = ALL) -> Iterator[list[tuple[str, Part]]]:
-        """Give the messages of some topics, in pieces that stand together in the file, each by topic.
+        """Yield the messages of some topics by topic, in blocks contiguous in the file.
 
         Raises:
             BadInput: a topic was not recorded.
@@ -133,15 +133,15 @@ class TopicReader:
         return {topic: self._joined(topic, parts) for topic, parts in found.items()}
 
     def may_have(self, topics: Sequence[str], span: Span) -> bool:
-        """Return whether there is anything to read of some topics in a span of time."""
+        """Return whether some topics may have messages in a time span."""
         return bool(self.contents.chunks.having([self.channel(topic).id for topic in topics], span))
 
     def count(self, topic: str) -> int:
-        """Return how many messages a topic has, as the file's index tells."""
+        """Return the number of messages of a topic by the file's index."""
         return self.contents.counts.get(self.channel(topic).id, 0)
 
     def span(self, topic: str) -> Span | None:
-        """Return the span that the messages of a topic fill, as the file's index tells; None where there is none."""
+        """Return the time span of a topic's messages by the file's index; None if it has none."""
         number = self.channel(topic).id
         chunks, indexes = self.contents.chunks, self.contents.chunks.indexes(self.channel(topic).id)
         if not len(indexes):
@@ -153,7 +153,7 @@ class TopicReader:
         return Span(int(times.min()), int(times.max()) + 1) if len(times) else None
 
     def start_of_last_before(self, topics: Sequence[str], time_ns: int) -> int:
-        """Return from when on to read so as to have, for each topic, a message before `time_ns`, if it has any."""
+        """Return the time from which to read to get, for each topic, a message before `time_ns`, if it has one."""
         chunks = self.contents.chunks
         start = time_ns
         for topic in topics:
@@ -169,7 +169,7 @@ class TopicReader:
         columns = {"t": np.concatenate([np.empty(0, np.int64), *(times for times, _ in parts)]) / NS}
         for name in self.decoder(topic).names:
             none = np.empty(0, self.decoder(topic).dtypes[name])
-            # Each part of a column is given up as soon as the whole is there.
+            # Each part of a column is freed as soon as the column is complete.
             columns[name] = np.concatenate([part.pop(name) for _, part in parts]) if parts else none
         return Columns(f"{self.path}: topic {topic}", columns)
 
@@ -183,5 +183,5 @@ class TopicReader:
             self._warn(f"{self.damage}; there may be more: platoon log recover lists all")
 
     def _warn(self, what: str) -> None:
-        # Of whoever opens the log or reads from it.
+        # The caller that opens the log or reads from it.
         warnings.warn(f"{self.path}: {what}", LogDamaged, stacklevel=4)

@@ -1,8 +1,8 @@
-"""The recorder: everything of a run into one MCAP file, cheaply enough to sit in the conductor's process.
+"""The recorder: writes a run to one MCAP file, fast enough to run in the conductor's process.
 
-Frames and truth rows are only noted when they come (under 1 us each) and encoded together, with numpy. What is encoded
-is written, in chunks as `bench.mcap.chunking` has them, when half a second old. A killed run loses at most that.
-With a `BusTimeline`, frames get their times on the wire then, and stand in the log in that order within their cycle.
+Frames and truth rows are buffered on arrival (under 1 us each) and encoded in batches, with numpy. Data is written, in
+the chunks of `bench.mcap.chunking`, when half a second old. A killed run loses at most that. With a `BusTimeline`,
+frames then get their times on the wire, and are logged in that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
 `/plan/veh<i>`, `/events`, `/events/data`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the
@@ -45,12 +45,12 @@ from bench.record.signals import SignalMessage, SignalTable, signal_message
 
 CHUNK_BYTES = 64 * 1024
 FLUSH_S = 0.5
-"""What is older than this, by the host's clock or by simulated time, is written; by the latter only a chunk's worth."""
+"""Data older than this, by the host's clock or by simulated time, is written; by the latter only full chunks."""
 PLAN_MESSAGE = "PlannerTarget"
 
 # A `FRAME` that has not been on the wire yet.
 _pack_pending = struct.Struct("<HBIqq8s16x").pack
-# What a frame comes to in a chunk, raw and decoded, on average; it only sets how soon a chunk is taken for full.
+# Average bytes of a frame in a chunk, raw and decoded; only sets when a chunk counts as full.
 _BYTES_A_FRAME = 150
 
 _log = logging.getLogger(__name__)
@@ -86,22 +86,23 @@ class RunWriter:
         truth_units: Mapping[str, str] | None = None,
         timeline: BusTimeline | None = None,
     ) -> None:
-        """Create the file and write what is known before the run.
+        """Create the file and write the data known before the run.
 
         Args:
-            path: file to make; it must not exist.
+            path: file to create; it must not exist.
             codecs: bus name -> codec.
             truth_names: names of the values of a truth row, in order; X, Y, psi and phi among them give the poses.
             vehicles: number of vehicles.
-            metadata: what describes the run: versions, seed, host, clock ...
-            attachments: file name -> content, beside the codecs' DBC files; lanes for the scene are taken from
+            metadata: description of the run: versions, seed, host, clock ...
+            attachments: file name -> content, besides the codecs' DBC files; lanes for the scene are read from
                 `scenario.toml`.
-            truth_units: unit of each truth value, where there is one.
-            timeline: made for the same codecs; None leaves frames without times on the wire, in the order they come in.
+            truth_units: unit of each truth value that has one.
+            timeline: created for the same codecs; None leaves frames without times on the wire, in the order of
+                arrival.
 
         Raises:
-            RunFailed: the file cannot be made.
-            BadInput: a DBC message the log cannot hold.
+            RunFailed: the file cannot be created.
+            BadInput: the log cannot hold a DBC message.
         """
         self._path = path
         try:
@@ -141,7 +142,7 @@ class RunWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close the file, with status `failed` where an error came this far."""
+        """Close the file, with status `failed` after an exception."""
         if not self._closed:
             self.close({"status": "failed" if error else "done"})
 
@@ -155,10 +156,10 @@ class RunWriter:
         Args:
             time_ns: simulated time.
             frames: (n,) bus name (one of the codecs'), identifier and data, at most 8 bytes.
-            receive_ns: (n,) the host's clock when each came.
+            receive_ns: (n,) arrival time of each by the host's clock.
 
         Raises:
-            ValueError: more than 8 bytes; then no frame of these is recorded.
+            ValueError: a frame has more than 8 bytes; then none of these frames is recorded.
             RunFailed: the file cannot be written.
         """
         for bus, can_id, data in frames:
@@ -201,7 +202,7 @@ class RunWriter:
         self._other(self._event_data_channel, time_ns, data)
 
     def process(self, name: str, time_ns: int, usage: ProcessUsage) -> None:
-        """Record what the process `name` has taken of the machine.
+        """Record the processor usage of the process `name`.
 
         Raises:
             RunFailed: the file cannot be written.
@@ -215,10 +216,10 @@ class RunWriter:
         self._other(self._process_channels[name], time_ns, usage.encoded())
 
     def flush(self) -> None:
-        """Write all that is noted, through to the operating system.
+        """Write all buffered data, through to the operating system.
 
-        Called by the writer itself whenever `FLUSH_S` are over and something of a later cycle comes; call it also while
-        waiting for a frame that does not come, between two cycles.
+        Called by the writer itself when `FLUSH_S` have passed and data of a later cycle arrives; call it also between
+        two cycles while waiting for a missing frame.
 
         Raises:
             RunFailed: the file cannot be written.
@@ -230,7 +231,7 @@ class RunWriter:
         self._write_chunks()
 
     def _encode_pending(self, frames: npt.NDArray[Any]) -> None:
-        # Where the bus was busy, all that has come may be on the wire in the next cycle only.
+        # If the bus was busy, all frames received may be on the wire only in the next cycle.
         if len(frames) or self._pending_truth or self._pending_other:
             records, group = self._encode(frames)
             for number, part in records.by_group(group):
@@ -248,7 +249,7 @@ class RunWriter:
         self._guard(write)
 
     def close(self, result: Mapping[str, str]) -> None:
-        """Write what is pending, the result as metadata `result`, the summary, and close the file.
+        """Write pending data, the result as metadata `result`, the summary, and close the file.
 
         Raises:
             RunFailed: the file cannot be written.
@@ -273,7 +274,7 @@ class RunWriter:
     def _make_can_channels(self, codecs: Mapping[str, Codec], dbc_names: Mapping[str, str]) -> None:
         """Register a raw channel per bus and a decoded one per bus and message, with their templates."""
         raw_schema = self._file.add_schema(can_frame.NAME, can_frame.SCHEMA)
-        # Templates 0..8 are raw frames of that many bytes, then come the decoded messages, then truth.
+        # Templates 0..8 are raw frames of that many bytes, followed by the decoded messages, then truth.
         templates = [_template(can_frame.template(length)) for length in range(9)]
         messages: list[SignalMessage] = []
         places: dict[tuple[str, bytes], int] = {}
@@ -331,7 +332,7 @@ class RunWriter:
         self._event_data_channel = self._channels = self._file.add_channel(event_record.TOPIC, event_schema, {})
 
     def _groups_of_channels(self) -> npt.NDArray[np.int64]:
-        """Return which channels share chunks: all raw frames, each bus's signals, all truth, the rest."""
+        """Return the groups of channels that share chunks: all raw frames, each bus's signals, all truth, others."""
         groups = np.full(self._channels + 1, self._rest_group)
         groups[self._raw_channels] = 0
         groups[self._decoded.channel] = 1 + self._decoded.bus
@@ -342,7 +343,7 @@ class RunWriter:
         return self._file.add_channel(topic, self._file.add_schema(*foxglove.schema(message)), {})
 
     def _make_room(self, time_ns: int, size: int) -> None:
-        """Write what there is, if that is due, before something is noted. A cycle's frames stay together."""
+        """Write buffered data if due, before new data is buffered. A cycle's frames stay together."""
         if time_ns > self._newest:
             old_ns = time_ns - self._flushed_ns
             held = self._pending_bytes + self._groups.bytes
@@ -363,7 +364,7 @@ class RunWriter:
         return frames if self._timeline is None else self._timeline.send(frames, last=last)
 
     def _note_pose(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
-        """Write the transforms once every vehicle's pose of this time is known."""
+        """Write the transforms when every vehicle's pose of this time is known."""
         if self._pose_columns is None:
             return
         x, y, psi, phi = (float(values[column]) for column in self._pose_columns)
@@ -378,20 +379,20 @@ class RunWriter:
         self._other(self._pose_channel, time_ns, foxglove.transforms(time_ns, ordered))
 
     def _guard(self, write: Callable[[], _T]) -> _T:
-        """Call `write`, turning a full disk and its like into one clear error; nothing more is written then."""
+        """Call `write`; a full disk or similar becomes one clear error, after which nothing more is written."""
         try:
             return write()
         except OSError as error:
             self._closed = True
-            # What could not be written is tried again by closing.
+            # Closing tries again to write the data.
             with suppress(OSError):
                 self._stream.close()
             raise RunFailed(f"cannot write the log {self._path}: {error.strerror or error}") from error
 
     def _encode(self, frames: npt.NDArray[Any]) -> tuple[Records, npt.NDArray[np.int64]]:
-        """Return all that is pending as records, group by group in the order of time, and the group of each.
+        """Return all pending data as records, group by group in the order of time, and the group of each.
 
-        Among messages of one time: the frames in their order, each raw and then decoded, then truth, then the rest.
+        Among messages of one time: the frames in their order, each raw and then decoded, then truth, then all others.
         """
         which = self._decoded.find(frames)
         known = np.flatnonzero(which >= 0)
@@ -446,7 +447,7 @@ class RunWriter:
         out[within + np.repeat(offset, size)] = self._template_bytes[within + np.repeat(source, size)]
 
     def _next_sequence(self, channel: npt.NDArray[np.int64], order: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return each message's running number in its channel, counted in the order of the file."""
+        """Return each message's sequence number in its channel, in the order of the file."""
         by_channel = order[np.argsort(channel[order], kind="stable")]
         grouped = channel[by_channel]
         starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
@@ -493,7 +494,7 @@ class _DecodedTable:
         self.message = np.array([decoded[key].message for key in keys], np.int64)
 
     def find(self, frames: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """Return each frame's index in this table, -1 for a frame the DBC does not know or of another length."""
+        """Return each frame's index in this table, -1 if the DBC has no such identifier or another length."""
         if not len(self._keys):
             return np.full(len(frames), -1, np.int64)
         keys = frames["bus"].astype(np.int64) << 32 | frames["can_id"].astype(np.int64)
@@ -503,7 +504,7 @@ class _DecodedTable:
 
 
 class _SignalPlaces:
-    """Where in its record each signal of the table goes, and in which encoding."""
+    """Position and encoding of each signal of the table in its record."""
 
     def __init__(self, messages: Sequence[SignalMessage]) -> None:
         places = [message.layout.offset(name) for message in messages for name in message.layout.values]
@@ -557,7 +558,7 @@ def _fill_headers(
 
 
 def _lanes(scenario: bytes) -> list[float]:
-    """Return the middles of the lanes a scenario's vehicles start and end in, m; none where it cannot be read."""
+    """Return the centres of the lanes in which a scenario's vehicles start and end, m; none if it cannot be read."""
     try:
         values = tomllib.loads(scenario.decode())
         lanes = {float(values["platoon"]["lane_y_m"])}

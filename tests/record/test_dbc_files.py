@@ -89,7 +89,7 @@ def test_a_log_that_does_not_tell_which_file_is_whose_has_them_by_their_names(tm
 
 def test_a_bad_file_is_told_once_by_log_name_and_reason(tmp_path, recorded):
     run = Run(with_bad_dbc(recorded.path, tmp_path / "bad.mcap"))
-    with pytest.warns(LogDamaged, match=r"attached to .*bad\.mcap is left out: vehicle\.dbc: .*line 1") as told:
+    with pytest.warns(LogDamaged, match=r"attached to .*bad\.mcap is ignored: vehicle\.dbc: .*line 1") as told:
         assert [run.codec("veh1"), run.codec("veh2"), run.codec("veh1")] == [None] * 3
     assert len(told) == 1
 
@@ -99,10 +99,10 @@ def test_what_needs_no_dbc_file_goes_on_without_a_bad_one(tmp_path, real_log):
     with warnings.catch_warnings():
         warnings.simplefilter("error", LogDamaged)
         assert diff(real_log, bad).same
-    with pytest.warns(LogDamaged, match="is left out"):
+    with pytest.warns(LogDamaged, match="is ignored"):
         assert bus_loads(Run(bad)) == []
     assert len(bus_loads(Run(real_log))) == 4
-    with pytest.warns(LogDamaged, match="is left out"):
+    with pytest.warns(LogDamaged, match="is ignored"):
         chosen = Selection.of(Run(bad), without=["veh1.tracker"])
     assert chosen == Selection.of(Run(real_log), without=["veh1.tracker"])
     for arguments in (["metrics", bad], ["report", bad, "-o", tmp_path / "bad.html"], ["log", "info", bad]):

@@ -180,14 +180,14 @@ def test_an_old_log_tells_what_happened() -> None:
 @pytest.mark.parametrize("fields", ["[1]", "{", "", "7"])
 def test_fields_that_are_no_json_object_are_an_error_that_names_the_topic(tmp_path: Path, fields: str) -> None:
     damaged = log_of(tmp_path, event_record.TOPIC, event_record.NAME, event_record.SCHEMA, data_of(fields))
-    with pytest.raises(BadInput, match="topic /events/data has messages that are no events"):
+    with pytest.raises(BadInput, match="topic /events/data has messages that are not events"):
         _ = damaged.events
 
 
 def test_another_schema_on_the_topic_is_an_error_that_names_it(tmp_path: Path) -> None:
     for topic in ("/events", event_record.TOPIC):
         strange = log_of(tmp_path, topic, *foxglove.schema(foxglove.FrameTransforms), b"")
-        with pytest.raises(BadInput, match=f"topic {topic} has messages that are no events"):
+        with pytest.raises(BadInput, match=f"topic {topic} has messages that are not events"):
             _ = strange.events
 
 
