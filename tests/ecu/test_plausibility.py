@@ -318,6 +318,7 @@ def beyond(limit: float) -> float:
         (0.0, 0.3, -0.1, 0.3, True),
         (0.0, beyond(0.3), -0.1, 0.3, False),
         (0.0, 0.4, 0.0, None, False),
+        (10.0, 10.7, 10.0, 10.7, False),
     ],
 )
 def test_v_x_is_believed_while_positions_agree_or_the_wheels_side_with_it(
@@ -353,6 +354,27 @@ def test_a_yaw_rate_is_believed_up_to_its_limit_from_that_of_the_yaw(sign: float
     assert (own.cause, state.yaw_rate) == (Cause.SENSOR_IMPLAUSIBLE, 0.0)
     own, state = after(at(), at(yaw_rate=sign * 0.025), at(yaw_rate=sign * 0.035))
     assert (own.cause, state.yaw_rate) == (Cause.NONE, sign * 0.035)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+@pytest.mark.parametrize("yaw_rate", [0.5, -0.5])
+@pytest.mark.parametrize(("name", "limit"), [("v_x", VELOCITY_X_MPS), ("v_y", VELOCITY_Y_MPS)])
+def test_positions_tell_the_velocity_along_and_across_a_vehicle_that_turns(
+    yaw: float, yaw_rate: float, name: str, limit: float
+) -> None:
+    # From one cycle to the next it moves along the chord of its circle.
+    chord = yaw + 0.5 * T * yaw_rate
+    pose = (T * 20.0 * math.cos(chord), T * 20.0 * math.sin(chord), yaw + T * yaw_rate)
+    for error, cause in (
+        (limit - 1e-9, Cause.NONE),
+        (1e-9 - limit, Cause.NONE),
+        (limit + 1e-9, Cause.SENSOR_IMPLAUSIBLE),
+        (-1e-9 - limit, Cause.SENSOR_IMPLAUSIBLE),
+    ):
+        velocity = {"v_x": 20.0, "v_y": 0.0}
+        velocity[name] += error
+        own, _ = after(at(yaw=yaw, v_x=20.0, yaw_rate=yaw_rate), at(*pose, **velocity, yaw_rate=yaw_rate, wheels=20.0))
+        assert own.cause is cause, error
 
 
 @pytest.mark.parametrize(
@@ -394,19 +416,22 @@ def test_the_limit_of_a_position_grows_until_both_its_coordinates_are_believed()
         assert (state.y == y) is believed
 
 
+@pytest.mark.parametrize("yaw_rate", [0.0, 0.5, -0.5])
 @pytest.mark.parametrize("wheel", range(4))
-def test_a_wheel_rolls_up_to_its_limit_from_the_median_of_all(wheel: int) -> None:
-    for speed, cause in (
-        (WHEEL_MPS, Cause.NONE),
-        (-WHEEL_MPS, Cause.NONE),
+def test_a_wheel_rolls_up_to_its_limit_from_the_median_of_all(wheel: int, yaw_rate: float) -> None:
+    turn = 0.5 * VEHICLE.l_t * yaw_rate
+    margin = 1e-9 if yaw_rate else 0.0
+    for slip, cause in (
+        (WHEEL_MPS - margin, Cause.NONE),
+        (margin - WHEEL_MPS, Cause.NONE),
         (WHEEL_MPS + 1e-9, Cause.SENSOR_IMPLAUSIBLE),
-        (-WHEEL_MPS - 1e-9, Cause.SENSOR_IMPLAUSIBLE),
+        (-1e-9 - WHEEL_MPS, Cause.SENSOR_IMPLAUSIBLE),
     ):
-        wheels = [0.0] * 4
-        wheels[wheel] = speed
+        wheels = [-turn, turn, -turn, turn]
+        wheels[wheel] += slip
         fl, fr, rl, rr = wheels
-        own, _ = after(at(wheels=(fl, fr, rl, rr)))
-        assert own.cause is cause
+        own, _ = after(at(yaw_rate=yaw_rate, wheels=(fl, fr, rl, rr)))
+        assert own.cause is cause, slip
 
 
 @pytest.mark.parametrize(
@@ -576,6 +601,14 @@ def test_from_a_known_start_the_first_position_and_yaw_are_held_against_it(exces
         _, state = after(at(**{name: limit + excess}), own=own)
         assert own.cause is (Cause.NONE if excess < 0.0 else Cause.SENSOR_IMPLAUSIBLE)
         assert getattr(state, name) == (limit + excess if excess < 0.0 else 0.0)
+
+
+def test_yaw_and_yaw_rate_contradict_each_other_beyond_the_limit_of_the_yaw() -> None:
+    for yaw, cause in ((YAW_RAD, Cause.NONE), (beyond(YAW_RAD), Cause.SENSOR_IMPLAUSIBLE)):
+        own, state = after(at(v_x=20.0), at(T * 20.0 * math.cos(yaw), T * 20.0 * math.sin(yaw), yaw, v_x=20.0))
+        assert own.cause is cause
+        # The vehicle moves along the measured yaw, so it is the yaw rate that is wrong.
+        assert state.yaw == yaw
 
 
 def test_from_a_known_start_a_yaw_rate_that_is_wrong_from_the_first_frame_on_is_blamed() -> None:
