@@ -4,6 +4,7 @@ import math
 
 from bench.bus import e2e
 from bench.faults.base import LOST, ON_TIME
+from bench.faults.plan import FaultPlan
 from bench.faults.sensors import SensorBias, SensorDropout, SensorNoise, SignalStuck
 from tests.faults.sending import CYCLES, START, absences, angles, frame, on, sent
 
@@ -26,6 +27,14 @@ def test_a_sensors_bias_and_noise_are_in_the_signals_unit() -> None:
     errors = [angle - cycle for cycle in range(CYCLES) for angle in angles(noisy, cycle)]
     assert 25 < (sum(error**2 for error in errors) / CYCLES) ** 0.5 < 80
     assert len(set(errors)) > 20
+
+
+def test_the_noise_of_a_signal_follows_from_the_plan() -> None:
+    noise = SensorNoise(**on(signal="SteeringAngle", sigma=0.05))
+    plan = FaultPlan([noise], 3)
+    for cycle in range(START, CYCLES):
+        error = plan.chance(0, "veh1", 0x300, cycle).gauss(0.0, 0.05)
+        assert noise.changed(0.1, plan.context(0, "veh1", 0x300, cycle), {}) == 0.1 + error
 
 
 def test_a_sensors_dropout_is_a_frame_not_sent() -> None:
