@@ -1,4 +1,4 @@
-"""Logs of other tools: frames out to candump, ASC, BLF and MF4 files, and in again, through python-can."""
+"""Logs of other tools: export of frames to candump, ASC, BLF and MF4 files, and import, through python-can."""
 
 from bench.record.exchange.export import Exported, export_log
 from bench.record.exchange.formats import Format

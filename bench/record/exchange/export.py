@@ -16,18 +16,18 @@ from bench.record.exchange import writers
 from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, Format
 from bench.record.reader import Run
 
-# What our log has beside frames, by the beginning of its topics.
+# Contents of our log other than frames, by topic prefix.
 _BESIDE = {"/signals/": "decoded signals", "/truth/": "truth", "/tf": "poses", "/plan/": "plans", "/events": "events"}
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What was exported.
+    """The result of an export.
 
     Attributes:
-        frames: how many.
+        frames: number of frames.
         channels: bus -> its number in the file; its name there in candump.
-        notes: what the file does not carry, and what to know of it; a line each.
+        notes: data that the file does not carry, and other notes; a line each.
     """
 
     frames: int
@@ -68,13 +68,13 @@ def export_log(log: Path, target: Path, kind: Format, buses: Sequence[str] = ())
 
 @dataclass(frozen=True)
 class _Survey:
-    """What a first look at the frames shows, so that they need not be held in memory.
+    """The result of a first pass over the frames, so that they need not be held in memory.
 
     Attributes:
-        frames: how many.
-        last_ns: time of the latest.
-        in_order: whether they stand in the order of time.
-        decimals: how many the times need in seconds, 6 or 9.
+        frames: number of frames.
+        last_ns: time of the latest frame.
+        in_order: whether they are sorted by time.
+        decimals: number of decimals that the times need in seconds, 6 or 9.
     """
 
     frames: int

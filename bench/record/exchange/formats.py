@@ -1,4 +1,4 @@
-"""The formats logs are exchanged in, and what our log and theirs write differently: identifiers, times, names."""
+"""The exchange formats, and the conversion of identifiers, times and names between our log and theirs."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ import can.io.mf4
 from bench.errors import BadInput
 
 LONGEST_NS = 1 << 51
-"""Longest time from a file's start, 26 days: up to here python-can's float seconds keep every ns apart."""
+"""Longest time from a file's start, 26 days: up to here python-can's float seconds distinguish every ns."""
 
 STANDARD_MAX, EXTENDED_MAX = 0x7FF, 0x1FFF_FFFF
 """Largest identifiers of 11 and of 29 bits."""
 
 EXTENDED_FLAG = 0x8000_0000
-"""In our log, marks an identifier of 29 bits that 11 would hold, as Linux's CAN_EFF_FLAG; larger ones need no mark."""
+"""Marks a 29-bit identifier in our log that would fit into 11 bits (Linux's CAN_EFF_FLAG); larger ones need no mark."""
 
 BUS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
-"""A bus name that all formats carry and that a schema's name can be made of."""
+"""A bus name that all formats can carry and that is valid in a schema name."""
 
 NAMES_TITLE = "platoon buses:"
 """Begins the comment with the names of the numbered channels: `platoon buses: 1=v2v 2=veh1;`."""
@@ -40,19 +40,19 @@ class Format(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """How the names of its files end."""
+        """Suffixes of its files."""
         return ".log" if self is Format.CANDUMP else f".{self.value}"
 
     @classmethod
     def of(cls, path: Path, others: Sequence[str] = ()) -> Format:
-        """Return the format that a file's name tells.
+        """Return the format by a file's suffix.
 
         Args:
             path: the file.
-            others: what else its name may end in, without the dot: for the message.
+            others: other allowed suffixes, without the dot, for the message.
 
         Raises:
-            BadInput: it tells none.
+            BadInput: the suffix is unknown.
         """
         for each in cls:
             if path.suffix.lower() == each.suffix:
@@ -60,7 +60,7 @@ class Format(StrEnum):
         known = ", ".join(
             [*(f"{each.suffix} ({each.value})" for each in cls), *(f".{each} ({each})" for each in others)]
         )
-        raise BadInput(f"{path}: its name does not tell its format; it may end in {known}, or give --format")
+        raise BadInput(f"{path}: unknown suffix; allowed: {known}, or give --format")
 
     def check_available(self) -> None:
         """Load the library that a format needs.
@@ -83,22 +83,22 @@ class Format(StrEnum):
 
 
 def to_log_id(can_id: int, *, extended: bool) -> int:
-    """Return an identifier as our log has it."""
+    """Return an identifier in our log's form."""
     return can_id | EXTENDED_FLAG if extended and can_id <= STANDARD_MAX else can_id
 
 
 def from_log_id(log_id: int) -> tuple[int, bool]:
-    """Return the identifier that our log has as `log_id`, and whether it is of 29 bits."""
+    """Return the identifier of our log's `log_id`, and whether it has 29 bits."""
     can_id = log_id & EXTENDED_MAX
     return can_id, log_id != can_id or can_id > STANDARD_MAX
 
 
 def names_comment(numbers: Mapping[str, int]) -> str:
-    """Return the comment that tells which bus (name -> channel number) is which."""
+    """Return the comment with the channel number of each bus (name -> number)."""
     return " ".join([NAMES_TITLE, *(f"{number}={bus}" for bus, number in numbers.items())]) + ";"
 
 
 def names_of(text: str) -> dict[str, str]:
-    """Return the bus of each numbered channel, where `text` has the comment of `names_comment`."""
+    """Return the bus of each numbered channel if `text` has the comment of `names_comment`."""
     found = _NAMES.search(text)
     return dict(pair.split("=", 1) for pair in found[1].split()) if found else {}

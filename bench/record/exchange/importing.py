@@ -1,4 +1,4 @@
-"""Imports files of other tools as one of our logs: frames, and the signals that a DBC finds in them."""
+"""Imports files of other tools into one of our logs: frames, and their signals decoded with a DBC."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bench.record.exchange.readers import Contents, Logged, read
 from bench.record.writer import RunWriter
 
 UNIX_FROM_S = 631_152_000
-"""Times from here on (1990) are of the calendar; BLF draws the same line."""
+"""Times from here on (1990) are calendar times; BLF uses the same limit."""
 
 _VEHICLE_BUS = re.compile(r"veh([1-9]\d*)")
 _NUMBERED = re.compile(r"(.*?)(\d+)")
@@ -29,11 +29,11 @@ _NUMBERED = re.compile(r"(.*?)(\d+)")
 
 @dataclass(frozen=True)
 class Imported:
-    """What was imported.
+    """The result of an import.
 
     Attributes:
-        frames: bus -> how many.
-        notes: what was left out, and what to know of the log; a line each.
+        frames: bus -> number of frames.
+        notes: data left out, and other notes on the log; a line each.
     """
 
     frames: dict[str, int]
@@ -49,23 +49,23 @@ def import_logs(
     dbc: Sequence[str] = (),
     command_line: Sequence[str] = (),
 ) -> Imported:
-    """Write the frames of `files`, put together in the order of time, to the new log `target`.
+    """Write the frames of `files`, merged in the order of time, to the new log `target`.
 
-    Times are those of the files. Where they are of the calendar (Unix time), the log counts from the whole second
-    before the first frame, which its metadata has as `origin_unix_s`; the receive times keep the calendar's.
+    Times are those of the files. For calendar times (Unix time), the log counts from the whole second before the first
+    frame, `origin_unix_s` in its metadata; the receive times stay calendar times.
 
     Args:
-        files: what to import.
-        target: the log to make, named .mcap.
+        files: the files to import.
+        target: the log to create, named .mcap.
         kind: their format; from each file's name if not given.
-        buses: channel as the files have it -> name of the bus. Else a file of ours tells the names, a named channel
-            keeps its name, and channel 1 becomes `can1`.
+        buses: channel in the files -> name of the bus. Else our own exports contain the names, a named channel keeps
+            its name, and channel 1 becomes `can1`.
         dbc: `FILE` for all buses, `BUS=FILE` for one; else `v2v` and `veh<i>` have the bench's own.
-        command_line: what was typed, for the metadata.
+        command_line: the command line, for the metadata.
 
     Raises:
-        BadInput: a file cannot be read or is not what it should be, a channel to be named is not in them, a DBC cannot
-            be used, or the log cannot be written.
+        BadInput: a file is unreadable or invalid, a channel to be named is not in the files, a DBC is unusable, or the
+            log cannot be written.
         RunFailed: the disk is full.
     """
     check_new(target, ".mcap")
@@ -130,16 +130,16 @@ def _write(
 
 
 def _bus_names(contents: Sequence[Contents], chosen: Mapping[str, str]) -> list[dict[str, str]]:
-    """Return for each file the bus of each of its channels.
+    """Return, for each file, the bus of each channel.
 
     Raises:
-        BadInput: a chosen name is none, or its channel is in no file.
+        BadInput: a given name is invalid, or its channel is in no file.
     """
     channels = [dict.fromkeys(frame.channel for frame in content.frames) for content in contents]
     found = list(dict.fromkeys(channel for each in channels for channel in each))
     for channel, bus in chosen.items():
         if channel not in found:
-            raise BadInput(f"--bus {channel}={bus}: no frame of a channel {channel}; there are {', '.join(found)}")
+            raise BadInput(f"--bus {channel}={bus}: no frame of a channel {channel}; the files have {', '.join(found)}")
         if not BUS_NAME.fullmatch(bus):
             raise BadInput(
                 f"--bus {channel}={bus}: a bus name is letters, digits and _, and does not begin with a digit"
@@ -162,14 +162,14 @@ def _bus_order(bus: str) -> tuple[bool, str, int]:
 
 
 def _origin_ns(first_ns: int, last_ns: int) -> int:
-    """Return the time that the log counts from.
+    """Return the time from which the log counts.
 
     Raises:
-        BadInput: some times are of the calendar and some are not, or they are too far apart.
+        BadInput: calendar times are mixed with others, or the times are too far apart.
     """
     unix_ns = UNIX_FROM_S * NS
     if first_ns < unix_ns <= last_ns:
-        raise BadInput("some times are of the calendar and some count from a start; import them into a log each")
+        raise BadInput("some times are calendar times and some count from a start; import them into separate logs")
     origin_ns = first_ns // NS * NS if first_ns >= unix_ns else 0
     if last_ns - origin_ns > LONGEST_NS:
         raise BadInput(f"the frames span {(last_ns - origin_ns) / NS:.0f} s; a log may span {LONGEST_NS // NS} s")
@@ -177,10 +177,10 @@ def _origin_ns(first_ns: int, last_ns: int) -> int:
 
 
 def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> dict[str, Codec]:
-    """Return the codec of each bus, without messages where there is no DBC.
+    """Return the codec of each bus, without messages if there is no DBC.
 
     Raises:
-        BadInput: a DBC file cannot be used, or is for a bus that is not there.
+        BadInput: a DBC file is unusable, or is for a bus that does not exist.
     """
     for_all: Path | None = None
     for_one: dict[str, Path] = {}
@@ -191,7 +191,7 @@ def _codecs(buses: Sequence[str], dbc: Sequence[str]) -> dict[str, Codec]:
         elif bus in buses:
             for_one[bus] = Path(file)
         else:
-            raise BadInput(f"--dbc {given}: there is no bus {bus}; there are {', '.join(buses)}")
+            raise BadInput(f"--dbc {given}: there is no bus {bus}; allowed: {', '.join(buses)}")
     paths = {bus: for_one.get(bus) or for_all or _own_dbc(bus) for bus in buses}
     return {bus: Codec(path) if path else Codec.without_messages() for bus, path in paths.items()}
 
@@ -203,7 +203,7 @@ def _own_dbc(bus: str) -> Path | None:
 
 
 def _undecoded(codecs: Mapping[str, Codec], seen: Mapping[tuple[str, int], int]) -> list[str]:
-    """Say what has no decoded signals."""
+    """Return notes on frames without decoded signals."""
     notes = []
     for bus, codec in codecs.items():
         if not codec.names:

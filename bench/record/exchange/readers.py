@@ -1,7 +1,7 @@
-"""Files of other tools read with python-can's readers; times exact as the file has them.
+"""Reads files of other tools with python-can's readers, with exact times.
 
-python-can gives times as float seconds, which tell today's times 240 ns apart at best. So the times of text files are
-taken from the text, and those of binary files counted from the file's own start.
+python-can gives times as float seconds, which resolve today's times to 240 ns at best. So the times of text files are
+read from the text, and those of binary files count from the file's start.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from bench.mcap.time_span import NS
 from bench.record.can_frame import MAX_DATA
 from bench.record.exchange.formats import EXTENDED_MAX, STANDARD_MAX, Format, names_of, to_log_id
 
-# What python-can's readers, and the libraries below them, raise on files that are not what they should be.
+# The errors raised by python-can's readers, and the libraries below them, on invalid files.
 _UNREADABLE = (
     ValueError, LookupError, TypeError, AttributeError, ArithmeticError, EOFError, MemoryError, RuntimeError,
     struct.error, zlib.error, BLFParseError,
@@ -36,7 +36,7 @@ _UNREADABLE = (
 
 
 class Logged(NamedTuple):
-    """One data frame of a file: time in ns as the file has it, channel, identifier as our log has it."""
+    """One data frame of a file: time in ns as in the file, channel, identifier in our log's form."""
 
     time_ns: int
     channel: str
@@ -46,14 +46,14 @@ class Logged(NamedTuple):
 
 @dataclass
 class Contents:
-    """What a file holds.
+    """The contents of a file.
 
     Attributes:
-        frames: the frames our log can hold, in the order of the file.
-        names: channel -> bus, where the file tells, as our own exports do.
-        left_out: what else was in it -> how many.
-        sent: how many of the frames the logging tool sent itself (Tx).
-        notes: what to know of the file, a line each.
+        frames: the frames that our log can hold, in the order of the file.
+        names: channel -> bus, if the file contains them, as our own exports do.
+        left_out: kind of other contents -> number.
+        sent: number of frames that the logging tool sent itself (Tx).
+        notes: notes on the file, a line each.
     """
 
     frames: list[Logged] = field(default_factory=list)
@@ -63,10 +63,10 @@ class Contents:
     notes: list[str] = field(default_factory=list)
 
     def add(self, message: can.Message, time_ns: int, channel: str) -> None:
-        """Take a message, or count it among those left out.
+        """Add a message, or count it as left out.
 
         Raises:
-            ValueError: it is no CAN frame.
+            ValueError: it is not a CAN frame.
         """
         if message.is_error_frame:
             self.left_out["error frames"] += 1
@@ -87,10 +87,10 @@ class Contents:
 
 
 def read(kind: Format, path: Path) -> Contents:
-    """Return what a file holds.
+    """Return the contents of a file.
 
     Raises:
-        BadInput: the file cannot be read or is not what it should be.
+        BadInput: the file is unreadable or invalid.
     """
     kind.check_available()
     if not path.is_file():
@@ -116,7 +116,7 @@ def read(kind: Format, path: Path) -> Contents:
 
 
 class _Lines:
-    """A text file that remembers its last line, so that what a reader makes of it can be told where it came from.
+    """A text file that remembers its last line, so that a reader's results and errors can be traced to it.
 
     Attributes:
         number, text: the last line.
@@ -141,10 +141,10 @@ class _Lines:
 
 
 class _AscLines(_Lines):
-    """Ends the head of an ASC file with the line that should: without it, python-can's reader loses the first frame.
+    """Ends the header of an ASC file with the required line: without it, python-can's reader loses the first frame.
 
     Attributes:
-        events: how many lines with a time there were: frames, statistics, states ...
+        events: number of lines with a time: frames, statistics, states ...
     """
 
     events = 0
@@ -168,7 +168,7 @@ class _AscLines(_Lines):
 def _ns(seconds: str) -> int:
     time = Decimal(seconds) * NS
     if time != int(time):
-        raise ValueError(f"time {seconds}: at most 9 decimals, ns, can be kept")
+        raise ValueError(f"time {seconds}: at most 9 decimals (ns) are allowed")
     return int(time)
 
 
@@ -179,17 +179,17 @@ def _read_lines(
     reader: Callable[[Any], Iterable[can.Message]],
     take: Callable[[can.Message, str], None],
 ) -> None:
-    """Read a text file, giving `take` each message with its line."""
+    """Read a text file and pass each message with its line to `take`."""
     try:
         for message in reader(lines):
             take(message, lines.text)
     except _UNREADABLE as error:
         raise ValueError(f"line {lines.number}: {error}: {lines.text.strip()[:80]!r}") from error
     if lines.text and not lines.text.endswith("\n"):
-        contents.notes.append(f"{path} ends within a line: it may be cut off")
+        contents.notes.append(f"{path} ends within a line: it may be truncated")
 
 
-# How far into a file its comments are looked for.
+# Bytes at the beginning of a file in which comments are searched for.
 _HEAD = 4096
 
 _CANDUMP_LINE = re.compile(r"\((\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(\S*)(\s+[RTrt])?\s*")
@@ -202,7 +202,7 @@ def _read_candump(path: Path, contents: Contents) -> None:
         found = _CANDUMP_LINE.fullmatch(line)
         if found is None:
             raise ValueError("not a line as candump -L writes it")
-        # python-can knows one kind of error frame; candump logs all of them.
+        # python-can supports one kind of error frame; candump logs all of them.
         message.is_error_frame |= bool(int(found[3], 16) & _ERROR_FLAG)
         classic = not (message.is_error_frame or message.is_fd or message.is_remote_frame)
         if classic and not _CLASSIC_DATA.fullmatch(found[4]):
@@ -225,13 +225,13 @@ def _read_asc(path: Path, contents: Contents) -> None:
         stream.seek(0)
         lines = _AscLines(stream)
         _read_lines(path, contents, lines, can.ASCReader, take)
-    # python-can passes over what it does not know.
+    # python-can skips lines that it does not recognise.
     if others := lines.events - len(contents.frames) - contents.left_out.total():
         contents.left_out["other events"] = others
 
 
 class _BlfReader(can.BLFReader):
-    """Also finds the comment with the names of the buses, which is the first object of the first container."""
+    """Also reads the comment with the names of the buses, the first object of the first container."""
 
     names: dict[str, str] | None = None
 
@@ -247,7 +247,7 @@ def _read_blf(path: Path, contents: Contents) -> None:
         if reader.file_size > size:
             raise ValueError(f"it has {size} of its {reader.file_size} bytes")
         if reader.file_size < size:
-            contents.notes.append(f"{path} was not closed by what wrote it: it may be cut off")
+            contents.notes.append(f"{path} was not closed by its writer: it may be truncated")
         start_ns = round(reader.start_timestamp * 1000) * (NS // 1000)
         reader.start_timestamp = 0.0
         for message in reader:
@@ -256,7 +256,7 @@ def _read_blf(path: Path, contents: Contents) -> None:
 
 
 class _Mf4Reader(can.MF4Reader):
-    """Counts from the start of the measurement, and tells it."""
+    """Counts from the start of the measurement, and provides that start."""
 
     def __init__(self, stream: BinaryIO) -> None:
         super().__init__(stream)
@@ -276,7 +276,7 @@ def _read_mf4(path: Path, contents: Contents) -> None:
 
 
 def _try_mf4(path: Path, contents: Contents) -> str:
-    """Read an MF4 file; return what is wrong with it, empty for nothing."""
+    """Read an MF4 file; return its problem, empty if none."""
     try:
         with path.open("rb") as stream, _Mf4Reader(stream) as reader:
             contents.names = names_of(reader.comment)
@@ -289,7 +289,7 @@ def _try_mf4(path: Path, contents: Contents) -> str:
 
 @contextmanager
 def _quiet_asammdf() -> Iterator[None]:
-    """Keep asammdf from printing tracebacks: it logs what it raises, and what it could not open fails to be deleted."""
+    """Keep asammdf from printing tracebacks: it logs its errors, and fails to delete files that it could not open."""
     log, hook = logging.getLogger("asammdf"), sys.unraisablehook
     level = log.level
     log.setLevel(logging.CRITICAL + 1)
@@ -303,5 +303,5 @@ def _quiet_asammdf() -> Iterator[None]:
 
 
 def _channel(message: can.Message, first: int) -> str:
-    """Return a message's channel number as the file has it; python-can counts from `first` less."""
+    """Return a message's channel number in the file; python-can counts from a number lower by `first`."""
     return str(message.channel + first) if isinstance(message.channel, int) else "0"

@@ -1,4 +1,4 @@
-"""Exports signals as a table, CSV or Parquet, a slice of time after the other."""
+"""Exports signals as a table, CSV or Parquet, one time slice after the other."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from bench.record.reader import Run
 from bench.record.topic_reader import TopicReader
 
 SLICE_NS = 10 * NS
-"""What is joined at a time: 1,000 rows of a run's log."""
+"""Length of a time slice: 1,000 rows of a run's log."""
 
 MOST_SLICES = 1_000_000
-"""Slices between the first and the last time of a table, at most: four months. Damaged logs may have any times."""
+"""Maximum number of slices of a table: four months. Damaged logs may have any times."""
 
 GROUP_VALUES = 2_000_000
-"""Values of a row group of a Parquet file: what is held in memory until it is written."""
+"""Number of values in a row group of a Parquet file, held in memory until written."""
 
 
 class TableFormat(StrEnum):
@@ -37,13 +37,13 @@ class TableFormat(StrEnum):
 
     @property
     def suffix(self) -> str:
-        """How the names of its files end."""
+        """Suffixes of its files."""
         return f".{self.value}"
 
 
 @dataclass(frozen=True)
 class ExportedTable:
-    """What was exported: how many rows, and columns beside the time."""
+    """The result of an export: number of rows, and of columns besides the time."""
 
     rows: int
     columns: int
@@ -62,21 +62,21 @@ def export_table(
 ) -> ExportedTable:
     """Write signals, joined on one time base as by `Run.table`, to the new file `target`, in bounded memory.
 
-    The first column is the time `t` in s. In CSV the units stand behind the names; in Parquet they are the metadata
+    The first column is the time `t` in s. In CSV the units follow the names; in Parquet they are the metadata
     `units`, JSON of name -> unit.
 
     Args:
         log: the log.
         target: the file.
         kind: its format.
-        patterns: which signals, as of `Run.names`.
-        start_s: only what is of this time or later.
-        end_s: only what is of an earlier time.
-        every_s: the step of the time base; if not given, every time that any of the signals has.
+        patterns: the signals, as in `Run.names`.
+        start_s: only data of this time or later.
+        end_s: only data of an earlier time.
+        every_s: the step of the time base; if not given, all times of the signals.
         labels: signals with a value table as text.
 
     Raises:
-        BadInput: the log cannot be read, has no such signal or nothing of that time, or the file cannot be written.
+        BadInput: the log cannot be read, has no such signal or no data in that time, or the file cannot be written.
     """
     check_new(target, kind.suffix)
     run = Run(log)
@@ -84,7 +84,7 @@ def export_table(
     slices = _Slices(run.log, places, Span.of(start_s, end_s), every_s, labels=labels)
     units = {name: run.unit(name) for name in places}
     with written_aside(target) as path, path.open("wb") as stream:
-        # Given the path, polars may open it once more after an error, when it is removed already.
+        # Given the path, polars may open it again after an error, when it has already been removed.
         table = register_io_source(slices.read, schema=slices.schema)
         try:
             if kind is TableFormat.CSV:
@@ -94,10 +94,10 @@ def export_table(
                 metadata = {"units": json.dumps({"t": "s", **units})}
                 table.sink_parquet(stream, metadata=metadata, row_group_size=max(1, GROUP_VALUES // len(units)))
         except pl.exceptions.PolarsError as error:
-            # What is raised in `slices.read` comes out of polars as its own error.
+            # polars turns errors raised in `slices.read` into its own.
             raise slices.error or BadInput(f"cannot write {target}: {error}") from error
         if not slices.rows:
-            raise BadInput(f"{log} has nothing of these signals in that time: there is nothing to export")
+            raise BadInput(f"{log} has no values of these signals in that time: there is nothing to export")
     return ExportedTable(slices.rows, len(places))
 
 
@@ -106,8 +106,8 @@ class _Slices:
 
     Attributes:
         schema: column -> type.
-        rows: how many have been read.
-        error: what went wrong in reading, None for nothing.
+        rows: number of rows read.
+        error: the error in reading, None if none.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class _Slices:
     def read(
         self, columns: list[str] | None, predicate: pl.Expr | None, limit: int | None, _batch: int | None
     ) -> Iterator[pl.DataFrame]:
-        """Give the slices, as polars asks for them."""
+        """Yield the slices as polars requests them."""
         try:
             for span in self._spans():
                 table = self._slice(span)
@@ -146,11 +146,11 @@ class _Slices:
         length = SLICE_NS if self._step is None else max(1, SLICE_NS // self._step) * self._step
         for start in range(self._span.start_ns, self._span.end_ns, length):
             span = Span(start, min(start + length, self._span.end_ns))
-            # A log of others may have long gaps.
+            # Logs of other tools may have long gaps.
             if self._step is not None or self._log.may_have(self._topics, span):
                 yield span
 
     def _slice(self, span: Span) -> pl.DataFrame:
         table = joined(self._log, self._places, span, self._every_s, labels=self._labels)
-        # Each slice would have an Enum of its own where a value is in no table.
+        # Each slice would have a different Enum if a value is in no table.
         return table.cast({pl.Enum: pl.String}) if self._labels else table

@@ -1,13 +1,13 @@
-"""Frames into files of other tools, with python-can's writers; exact to the ns of our log.
+"""Writes frames to files of other tools with python-can's writers, exact to the ns of our log.
 
-What python-can's writers would lose, and what is done about it:
+What python-can's writers would lose, and the remedies:
 
 candump  writes 6 decimals: the time is given as a Decimal, which writes all it has, 9 where 6 are too few.
 ASC      counts from the first frame and writes 6 decimals: counted from 0, with 9 decimals where 6 are too few.
 BLF      counts from the first frame, cuts off to whole ns: counted from 0, half a ns added.
 MF4      counts from the present (its floats then tell 240 ns apart at best): written with asammdf, counted from 0.
 
-candump has the names of buses; the others number them, and carry the names in a comment.
+candump has bus names; the others number the buses and carry the names in a comment.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from bench.record.exchange.formats import Format, from_log_id, names_comment
 
 MICROSECOND = 1_000
 
-# Simulated time has no date. This one is BLF's and candump's, which count in Unix time.
+# Simulated time has no date. This is the one of BLF and candump, which use Unix time.
 _TIME_0 = datetime.fromtimestamp(0, UTC)
 
 
 def write(kind: Format, path: Path, frames: Iterable[Frame], numbers: Mapping[str, int], *, decimals: int) -> None:
-    """Write frames, in their order, to a new file; but for MF4, in bounded memory.
+    """Write frames, in order, to a new file; except for MF4, in bounded memory.
 
     Args:
         kind: format of the file.
         path: the file.
         frames: the frames in the order of time, none later than `LONGEST_NS`.
         numbers: channel number of each bus, from 1.
-        decimals: how many times in seconds are written with, where they are text: 6 or 9.
+        decimals: number of decimals of times in seconds in text formats: 6 or 9.
 
     Raises:
         OSError: the file cannot be written.
@@ -65,7 +65,7 @@ def _message(frame: Frame, timestamp: float, channel: str | int) -> can.Message:
 def _write_candump(path: Path, frames: Iterable[Frame], decimals: int) -> None:
     with can.CanutilsLogWriter(path) as writer:
         for frame in frames:
-            # The writer formats and compares, which a Decimal does too.
+            # The writer only formats and compares, which a Decimal supports.
             time_s = cast("float", Decimal(frame.time_ns // 10 ** (9 - decimals)).scaleb(-decimals))
             writer.on_message_received(_message(frame, time_s, frame.bus))
 
@@ -74,7 +74,7 @@ class _AscWriter(can.ASCWriter):
     """Counts from 0, not from the first frame, and names the buses; its date is time 0 of the log, as in MF4."""
 
     def begin(self, decimals: int, comment: str) -> None:
-        """Write what stands before the frames."""
+        """Write the header."""
         self.FORMAT_EVENT = f"{{timestamp: {decimals + 3}.{decimals}f}} {{message}}\n"
         self.started, self.header_written = 0.0, True
         self.file.write(f"// {comment}\nBegin Triggerblock {self._format_header_datetime(_TIME_0)}\n")
