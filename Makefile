@@ -49,7 +49,7 @@ coverage: setup $(DEVELOP)
 	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
 	$(BIN)/coverage report
 
-# Some 1,600 mutants, one per core at a time.
+# Some 1,800 mutants, one per core at a time.
 mutation: setup $(DEVELOP)
 	$(BIN)/python -m tests.mutation $(SAFETY)
 
