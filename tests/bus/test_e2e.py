@@ -155,3 +155,9 @@ def test_every_refused_frame_counts_and_the_age_is_that_of_the_last_good_one():
     for errors in (1, 2, 3):
         assert receiver.check(frame(0)) is Status.REPEATED
         assert receiver.errors == errors
+
+
+@pytest.mark.parametrize("length", range(1, 12))
+def test_each_further_byte_continues_the_crc(length: int) -> None:
+    data = bytes(37 * index % 251 for index in range(length + 1))
+    assert e2e.crc_of_message(data, 0x1234) == e2e.CRC_TABLE[e2e.crc_of_message(data[:-1], 0x1234) ^ data[-1]]

@@ -125,6 +125,26 @@ def test_it_refuses_what_is_not_a_number(certified: tuple[OperatingPoint, Gain],
     assert certified_cost(broken, P, 1.0, models, z, room) is None
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_it_refuses_an_ellipsoid_that_is_not_a_number(certified: tuple[OperatingPoint, Gain], value: float) -> None:
+    K, P, models, z, room = proof(*certified)
+    broken = P.copy()
+    broken[1, 2] = broken[2, 1] = value
+    assert certified_cost(K, broken, 1.0, models, z, room) is None
+
+
+@pytest.mark.parametrize(
+    ("axis", "pole", "accepted"),
+    [(1.0, 0.5, True), (1.1e-9, 0.5, True), (1e-9, 0.5, False), (1e-12, 0.5, False), (1.0, 1.0, False)],
+)
+def test_the_limits_of_an_axis_a_pole_and_the_room(axis: float, pole: float, accepted: bool) -> None:
+    """Without a gain the origin needs no room, and costs 0 if the ellipsoid has volume and the loop contracts."""
+    model = (pole * np.eye(3), np.zeros((3, 3)))
+    none = np.zeros((3, 3))
+    cost = certified_cost(none, np.diag([1.0, 1.0, axis]), 1.0, [model], np.zeros(3), np.zeros(3))
+    assert cost == (0.0 if accepted else None)
+
+
 @pytest.mark.parametrize("entry", range(3))
 def test_it_refuses_a_room_that_is_not_a_number(certified: tuple[OperatingPoint, Gain], entry: int) -> None:
     K, P, models, z, room = proof(*certified)
