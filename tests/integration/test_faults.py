@@ -145,7 +145,7 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
         ask(name, {"kind": "earthquake"})
     with pytest.raises(BadInput, match="vehicle = 9 does not exist; allowed: 1 to 3"):
         ask(name, {"kind": "ice_patch", "vehicle": 9})
-    with pytest.raises(BadInput, match=r"at_s = 0\.01 is over"):
+    with pytest.raises(BadInput, match=r"at_s = 0\.01"):
         ask(name, {"kind": "ice_patch", "at_s": 0.01})
     with pytest.raises(BadInput, match="no running bench has 'nonsense' in its name"):
         ask("nonsense", {"kind": "ice_patch"})

@@ -332,5 +332,5 @@ def test_a_log_that_exists_is_not_overwritten(start, tmp_path: Path) -> None:
     run = start(set=SHORT, out=str(out))
     code, _, errors = run.end()
     assert code == 2
-    assert "precious.mcap exists" in errors
+    assert "precious.mcap already exists" in errors
     assert out.read_bytes() == b"precious"

@@ -126,7 +126,7 @@ def test_frames_stay_on_a_host_that_names_no_device(
         "    selector.register(link.fileno(), selectors.EVENT_READ)\n"
         "    print('listens', flush=True)\n"
         "    selector.select()\n"
-        "print(link.receive(), flush=True)\n"
+        "print([frame.data for frame in link.receive()], flush=True)\n"
     )
     send = (
         "import sys; from bench.bus.link.opening import Address, open_link\n"
@@ -139,7 +139,7 @@ def test_frames_stay_on_a_host_that_names_no_device(
     for place, text in (("udp:45001", "stays"), (f"udp:45001@{rig.device}", "leaves")):
         sender = begin(rig, sys.executable, "-c", send, f"veh1={place}", text)
         assert sender.communicate(timeout=GUARD_S) == ("", "")
-    assert listener.communicate(timeout=GUARD_S)[0] == "[(1, b'leaves')]\n"
+    assert listener.communicate(timeout=GUARD_S)[0] == "[b'leaves']\n"
 
 
 def test_a_device_that_is_down_is_said_with_the_mend(
