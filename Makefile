@@ -90,7 +90,8 @@ lint-js: $(LINTERS)
 # a package's __all__.
 docs: setup $(DEVELOP)
 	rm -rf build/docs
-	$(BIN)/pdoc --docformat google --no-show-source --footer-text "$$($(BIN)/platoon --version)" -o build/docs \
+	PYTHONWARNINGS='ignore:The module specification' $(BIN)/pdoc --docformat google --no-show-source \
+		--footer-text "$$($(BIN)/platoon --version)" -o build/docs \
 		bench platoon_fmu $$(find bench platoon_fmu -name '[!_]*.py' -not -path 'bench/examples/tracker/*' | \
 		sort | sed 's/\.py$$//; s,/,.,g')
 	@! grep -rE '<(script|link|img)[^>]*(src|href)="?https?:' build/docs || { \
