@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from typing import Any, ClassVar, Literal, Protocol
 
+from bench.names import CONDUCTOR
+
 Level = Literal["debug", "info", "warning", "error", "fatal"]
 
-CONDUCTOR, FAULT, BUS = "conductor", "fault", "bus"
-"""Sources that are neither node nor bus of the run: the conductor, the faults, the bus analysis before the run."""
+FAULT, BUS = "fault", "bus"
+"""Sources that are neither process nor bus of the run: the faults, the bus analysis before the run."""
 
 OTHER = "other"
 """The kind of an event in an older log whose text is not recognised: no fields."""

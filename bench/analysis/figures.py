@@ -18,7 +18,7 @@ from bench.analysis.motion import Array
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
 from bench.analysis.timing import histograms, timing
-from bench.bus.topic import V2V, vehicle_of
+from bench.names import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
 from bench.record.time_join import same_times

@@ -16,10 +16,9 @@ from bench.analysis.step_times import percentiles
 from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.network import transmissions
-from bench.bus.topic import vehicle_bus
 from bench.cycle import CYCLE_MS, CYCLE_NS
 from bench.errors import BadInput
-from bench.names import PLANT
+from bench.names import PLANT, vehicle_bus
 from bench.record.reader import Run
 
 BIN_MS = 0.25

@@ -16,9 +16,9 @@ from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
 from bench.bus.frame import CanFrame
-from bench.bus.topic import V2V, vehicle_bus
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
+from bench.names import V2V, vehicle_bus
 
 DEFAULT_BIT_RATE = 500_000
 """Bits per second of a bus whose DBC has no attribute Baudrate."""

@@ -199,7 +199,7 @@ class Inbox:
         """Whether every input of `cycle` has arrived or is known to be absent.
 
         A newer BenchSync does not end the wait: on a busy machine it may overtake a frame sent before it, and in
-            lockstep it is sent only after all frames.
+        lockstep it is sent only after all frames.
         """
         return self._arrived.get(self.cycle, 0) == len(self._slots)
 

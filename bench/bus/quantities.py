@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from bench.bus.reception import Health
 from bench.bus.states import CommandState, ReferenceState
-from bench.bus.topic import V2V, Signals, Topic
+from bench.bus.topic import Signals, Topic
+from bench.names import V2V
 from platoon_fmu.wheels import WHEEL_NAMES
 
 POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"

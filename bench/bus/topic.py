@@ -3,9 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from bench.names import V2V, vehicle_bus, vehicle_of
-
-__all__ = ["V2V", "Outgoing", "Signals", "Topic", "vehicle_bus", "vehicle_of"]
+from bench.names import V2V
 
 Signals = Mapping[str, float]
 """The physical values of one message's signals by name, in the DBC's units."""
@@ -23,7 +21,7 @@ class Topic:
         """Age in cycles at which a step uses this topic.
 
         V2V messages were sent in the cycle before: each planner's V2V message is the result of its own step, so
-            planners waiting for each other's message of the same cycle would deadlock.
+        planners waiting for each other's message of the same cycle would deadlock.
         """
         return 1 if self.bus == V2V else 0
 

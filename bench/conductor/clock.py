@@ -17,9 +17,9 @@ from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.states import BenchCommand
-from bench.bus.topic import V2V
 from bench.conductor.linux import set_real_time, wait_until
 from bench.cycle import CYCLE_NS, time_of
+from bench.names import V2V
 
 CLOCK = "clock"
 """Name of the process."""

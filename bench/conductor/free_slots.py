@@ -13,11 +13,11 @@ from bench.bus.frame import CanFrame
 from bench.bus.link.address import Address
 from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
-from bench.bus.topic import vehicle_bus
 from bench.conductor.crew import Crew
 from bench.conductor.cycle import frames_due
 from bench.errors import BadInput, RunFailed
 from bench.faults.base import Fault
+from bench.names import vehicle_bus
 
 
 def free_slots(without: Collection[str], vehicles: int, address: Address) -> list[EcuSlot]:

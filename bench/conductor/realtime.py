@@ -22,7 +22,6 @@ from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
-from bench.bus.topic import V2V
 from bench.conductor.clock import CLOCK, PRIORITY
 from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress
 from bench.conductor.crew import Crew, Ended
@@ -31,7 +30,7 @@ from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
-from bench.names import PLANT
+from bench.names import PLANT, V2V
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder

@@ -8,8 +8,8 @@ from bench.bus.codec import Codec
 from bench.bus.link.base import Link
 from bench.bus.network import EcuSlot
 from bench.bus.states import EcuState
-from bench.bus.topic import vehicle_bus
 from bench.ecu.runtime import EcuNode
+from bench.names import vehicle_bus
 
 SIGN_PERIOD_S = 0.1
 """Wall-clock time in s between two signs of life, as in the DBC."""

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 from typing import Protocol
 
 from bench.bus.reception import Health
-from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.topic import Outgoing, Signals, Topic
+from bench.names import vehicle_bus
 
 __all__ = ["Ecu", "Health", "Outgoing", "Signals", "Topic", "vehicle_bus"]
 

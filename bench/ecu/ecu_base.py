@@ -9,7 +9,8 @@ from bench.bus.network import EcuSlot
 from bench.bus.quantities import bus_health
 from bench.bus.reception import Health, Reception
 from bench.bus.states import EcuState
-from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.topic import Outgoing, Signals, Topic
+from bench.names import vehicle_bus
 from bench.scenario import Scenario
 
 

@@ -8,7 +8,7 @@ from bench.bus.network import EcuSlot
 from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
-from bench.bus.topic import V2V, Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.topic import Outgoing, Signals, Topic
 from bench.control.flocking import GA, GB, P11, P12, P21, P22
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.control.settings import PlannerSettings
@@ -17,6 +17,7 @@ from bench.ecu.following import Following
 from bench.ecu.limits import timeout_cycles
 from bench.ecu.peers import PeerWatch
 from bench.ecu.plausibility import OwnMotion
+from bench.names import V2V, vehicle_bus
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 

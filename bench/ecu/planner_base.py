@@ -8,8 +8,9 @@ from typing import ClassVar, final
 from bench.bus.quantities import ATTITUDE, MOTION, POSITION, Motion, Peer, Pose, Reference, broadcast
 from bench.bus.reception import ReceptionState
 from bench.bus.states import EcuState, ReferenceState
-from bench.bus.topic import V2V, Outgoing, Topic
+from bench.bus.topic import Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
+from bench.names import V2V
 
 
 class PlannerBase(EcuBase):

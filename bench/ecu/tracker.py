@@ -11,7 +11,7 @@ from bench.bus.network import EcuSlot
 from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Command, Reference, bus_health
 from bench.bus.reception import Health
 from bench.bus.states import ActuatorState, Cause, CommandState, EcuState, ReferenceState
-from bench.bus.topic import Outgoing, Signals, Topic, vehicle_bus
+from bench.bus.topic import Outgoing, Signals, Topic
 from bench.control.allocation import virtual_input
 from bench.control.brake_steering import BrakeSteering
 from bench.control.outcome import GainSource, SolverStatus
@@ -21,6 +21,7 @@ from bench.control.tracker import Tracker, TrackerOutput
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible, timeout_cycles
 from bench.ecu.plausibility import OwnMotion, OwnState
+from bench.names import vehicle_bus
 from bench.scenario import Scenario
 from platoon_fmu.parameters import VehicleParameters
 

@@ -10,9 +10,8 @@ from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.node import serve
-from bench.bus.topic import vehicle_bus
 from bench.faults.plan import FaultPlan
-from bench.names import PLANT
+from bench.names import PLANT, vehicle_bus
 from bench.plant.description import read_description
 from bench.plant.fmu import FmuInstance, unpack
 from bench.plant.plant import TruthSink, VehicleNode, start_values

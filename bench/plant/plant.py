@@ -23,9 +23,10 @@ from bench.bus.quantities import (
     WHEELS_FRONT,
     WHEELS_REAR,
 )
-from bench.bus.topic import Signals, Topic, vehicle_bus
+from bench.bus.topic import Signals, Topic
 from bench.cycle import CYCLE_S, time_of
 from bench.faults.plan import FaultPlan
+from bench.names import vehicle_bus
 from bench.plant.actuators import Actuators
 from bench.plant.description import FmuDescription
 from bench.plant.faults import VehicleFaults

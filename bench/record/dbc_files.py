@@ -13,8 +13,8 @@ from pathlib import Path
 from mcap.records import Channel
 
 from bench.bus.codec import Codec
-from bench.bus.topic import V2V
 from bench.errors import BadInput
+from bench.names import V2V
 from bench.record.topic_reader import LogDamaged
 
 METADATA = "dbc"

@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from bench import events
+from bench.names import CONDUCTOR
 
 Found = tuple[str, Mapping[str, Any]]
 """Kind and fields."""
@@ -22,7 +23,7 @@ _PARAMETER = re.compile(r"(\w+) (\{.*?\}|[^,]+)(?:, |$)")
 
 def kind_and_fields(level: str, source: str, text: str) -> Found:
     """Return kind and fields of an old log's event; `events.OTHER` without fields if its text is not recognised."""
-    if (level, source) == ("fatal", events.CONDUCTOR):
+    if (level, source) == ("fatal", CONDUCTOR):
         status = "interrupted" if text.startswith("interrupted by ") else "failed"
         return _of(events.RunEnded(status, text))
     named = source in _TEXTS
@@ -65,7 +66,7 @@ _TEXTS: dict[str, tuple[tuple[str, _Made], ...]] = {
         ),
         (r"(\w+)(?:: (.*))? ends", lambda found, *_: events.FaultEnds(found[1], _parameters(found[2]))),
     ),
-    events.CONDUCTOR: (
+    CONDUCTOR: (
         (r"asked for while running: (\{.*\})", lambda found, *_: events.FaultRequested(json.loads(found[1]))),
         (r"(.*); the run goes on without (.*)", lambda found, *_: events.EcuFailed(found[2].split(", "), found[1])),
         (

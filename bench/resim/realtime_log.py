@@ -8,8 +8,8 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame
-from bench.bus.topic import vehicle_bus
 from bench.conductor.realtime import SETTLE_CYCLES
+from bench.names import vehicle_bus
 from bench.resim.recording import EcuLog, frames_of
 
 _NEVER = 1 << 62

@@ -4,8 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec, DecodeError
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
-from bench.bus.topic import V2V
 from bench.cycle import time_of
+from bench.names import V2V
 from bench.record.meaning import value_text
 from bench.resim.comparison import First
 from bench.resim.job import Outcome

@@ -4,9 +4,9 @@ import pytest
 
 from bench.bus.codec import Codec, load_codecs
 from bench.bus.network import ROLES, EcuSlot, Transmission, process_of, transmissions
-from bench.bus.topic import V2V, Topic
+from bench.bus.topic import Topic
 from bench.ecu.loading import DEFAULT_ECUS, load_class
-from bench.names import CONDUCTOR, PLANT
+from bench.names import CONDUCTOR, PLANT, V2V
 from bench.plant.plant import COMMANDS
 from bench.scenario import load
 

@@ -18,11 +18,11 @@ from bench.bus.codec import Codec
 from bench.bus.link.base import EXTENDED
 from bench.bus.network import transmissions
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import V2V
 from bench.bus.wire.frame_length import longest_bits, priority
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 from bench.events import ResponseBeyondPeriod
+from bench.names import V2V
 
 _NS = 1_000_000_000
 

@@ -27,10 +27,10 @@ from bench.bus.codec import Codec
 from bench.bus.inbox import BENCH_SYNC
 from bench.bus.network import transmissions
 from bench.bus.outbox import BENCH_ABSENT
-from bench.bus.topic import V2V, Topic
+from bench.bus.topic import Topic
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.cycle import CYCLE_NS
-from bench.names import PLANT
+from bench.names import PLANT, V2V
 
 _NEVER = 1 << 62
 

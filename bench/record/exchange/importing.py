@@ -12,10 +12,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench.bus.codec import DBC_DIR, MAX_VEHICLES, Codec
-from bench.bus.topic import V2V
 from bench.errors import BadInput
 from bench.files import check_new, written_aside
 from bench.mcap.time_span import NS
+from bench.names import V2V
 from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, Format
 from bench.record.exchange.readers import Contents, Logged, read
 from bench.record.writer import RunWriter

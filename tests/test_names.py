@@ -2,7 +2,7 @@
 
 import pytest
 
-from bench.bus.topic import vehicle_bus, vehicle_of
+from bench.names import vehicle_bus, vehicle_of
 
 
 @pytest.mark.parametrize(
