@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from dataclasses import fields as fields_of
 from typing import Any, ClassVar, Literal, Protocol
 
-from bench.names import CONDUCTOR
+from bench.names import ACTUATORS, CONDUCTOR, vehicle_of
 
 Level = Literal["debug", "info", "warning", "error", "fatal"]
 
@@ -133,7 +133,21 @@ class FaultRequested(_Kind):
 
 
 @dataclass(frozen=True)
-class StateChange(_Kind):
+class _OfState(_Kind):
+    """Base class of the changes in an ECU's status: one event for each frame that differs from the one before."""
+
+    level: str
+    source: str
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """See `Event`; besides the kind's own, the number of the vehicle, and the ECU's name if it is one."""
+        ecu = {} if self.source.endswith(f".{ACTUATORS}") else {"ecu": self.source}
+        return {"vehicle": vehicle_of(self.source), **ecu, **super().fields}
+
+
+@dataclass(frozen=True)
+class StateChange(_OfState):
     """An ECU or the actuators of a vehicle change state; states in lower case.
 
     Attributes:
@@ -142,19 +156,47 @@ class StateChange(_Kind):
         before: the old state.
         after: the new state.
         cause: the cause by the DBC's value table; empty if none.
+        cause_before: the cause in the old state; empty if none, None in logs without it.
     """
 
     kind: ClassVar[str] = "state_change"
-    level: str
-    source: str
     before: str
     after: str
     cause: str = ""
+    cause_before: str | None = None
 
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"{self.before} -> {self.after}" + (f" ({self.cause})" if self.cause else "")
+        cause = _from_to(self.cause_before, self.cause) if self.cause_before else self.cause
+        return f"{self.before} -> {self.after}" + (f" ({cause})" if cause else "")
+
+
+@dataclass(frozen=True)
+class CauseChange(_OfState):
+    """The most serious cause that an ECU reports changes, its state does not.
+
+    Attributes:
+        level: warning if there is a new cause, info if there is none any more and in the initial state.
+        source: the ECU, e.g. veh1.planner.
+        state: its state, in lower case.
+        cause: the new cause by the DBC's value table; empty if none.
+        cause_before: the old one, likewise.
+    """
+
+    kind: ClassVar[str] = "cause_change"
+    state: str
+    cause: str
+    cause_before: str
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        return f"{self.state}: {_from_to(self.cause_before, self.cause)}"
+
+
+def _from_to(before: str, after: str) -> str:
+    return after if before == after else f"{before or 'no cause'} -> {after or 'no cause'}"
 
 
 @dataclass(frozen=True)

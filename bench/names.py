@@ -6,6 +6,9 @@ CONDUCTOR = "conductor"
 PLANT = "plant"
 """Name of the process that runs all vehicles' FMUs."""
 
+ACTUATORS = "actuators"
+"""The actuators of a vehicle, as in `veh3.actuators`: they have a state, and are part of the plant."""
+
 V2V = "v2v"
 """Name of the radio between the vehicles; vehicle i's own bus is `veh<i>`."""
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.analysis import requirements
 from bench.analysis.bus_load import BusLoad, bus_loads
+from bench.analysis.event_rows import event_rows
 from bench.analysis.figures import NOTHING_YET, Figures
 from bench.analysis.metrics import compute
 from bench.analysis.series import Span
@@ -34,6 +35,7 @@ def page_data(run: Run, buses: list[BusLoad] | None = None) -> PageData:
     buses = bus_loads(run) if buses is None else buses
     metrics = compute(run)
     rows = requirements.table(metrics, run.scenario)
+    events = event_rows(run.events)
     return {
         **_head(run),
         "live": False,
@@ -42,8 +44,8 @@ def page_data(run: Run, buses: list[BusLoad] | None = None) -> PageData:
         "complete": metrics.complete,
         "status": run.result.get("status", "cut off"),
         "metrics": [[row.name, row.value, row.requirement, row.met, row.of_machine] for row in rows],
-        "events": events_of(run.events[:MAX_EVENTS]),
-        "more_events": max(0, len(run.events) - MAX_EVENTS),
+        "events": events[:MAX_EVENTS],
+        "more_events": max(0, len(events) - MAX_EVENTS),
         "buses": [_bus(bus) for bus in buses],
         **Figures(run, buses).as_dict(),
     }
@@ -74,8 +76,8 @@ def live_data(run: Run) -> PageData:
 
 
 def events_of(events: Iterable[Event], span: Span | None = None) -> list[dict[str, Any]]:
-    """Return events, all or those within a span of time, each as a dict with the fields of `Event`."""
-    return [asdict(event) for event in events if span is None or span[0] <= event.time_s < span[1]]
+    """Return events, all or those within a span of time, as `event_rows`."""
+    return event_rows(event for event in events if span is None or span[0] <= event.time_s < span[1])
 
 
 def _head(run: Run) -> PageData:

@@ -16,6 +16,7 @@ from bench.files import readable_log
 
 if TYPE_CHECKING:
     from bench.record.exchange import Format
+    from bench.record.overview import Noticed
 
 log_app = typer.Typer(help="Inspect logs, exchange them with other tools, recover damaged ones.", no_args_is_help=True)
 
@@ -67,6 +68,7 @@ def info(
         *((f"bus {bus.name}", _rate(bus.messages, "frames", bus.per_s)) for bus in found.buses),
         ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
         ("events", ", ".join(f"{count} {level}" for level, count in found.events.items()) or "none"),
+        *((f"causes {ecu}", ", ".join(map(_noticed, causes))) for ecu, causes in found.causes.items()),
         ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in found.attachments.items()) or "none"),
         ("damage", found.damage or "none found"),
     ]
@@ -249,6 +251,11 @@ def _export_frames(log: Path, kind: FormatName, out: Path | None, buses: list[st
 
 def _rate(count: int, what: str, per_s: float | None) -> str:
     return f"{count} {what}" + (f", {per_s:.6g} a second" if per_s else "")
+
+
+def _noticed(cause: "Noticed") -> str:
+    times = f" ({cause.times} times)" if cause.times > 1 else ""
+    return f"{cause.cause} at {cause.first_s:.2f} s{times}"
 
 
 def _cell(value: object) -> str:

@@ -1,13 +1,13 @@
-"""Detects state changes of ECUs and actuators on the bus."""
+"""Detects changes of state and cause of ECUs and actuators on the bus."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from bench.bus.codec import Codec, SignalBits
 from bench.bus.network import process_of
-from bench.bus.states import ActuatorState, EcuState
-from bench.events import StateChange
-from bench.names import PLANT
+from bench.bus.states import ActuatorState, Cause, EcuState
+from bench.events import CauseChange, StateChange
+from bench.names import ACTUATORS, PLANT
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages with a state, and its signal."""
@@ -20,13 +20,28 @@ _NORMAL: Mapping[str, tuple[int, ...]] = {
 """The normal values of each of these signals, the initial one first."""
 
 
+class _Field(NamedTuple):
+    """A signal's bits in a message, and the names of its values."""
+
+    bits: SignalBits
+    names: Mapping[int, str]
+
+    def value(self, number: int) -> int:
+        """Return its value in a frame as one little-endian number."""
+        return number >> self.bits.shift & self.bits.mask
+
+    def name(self, value: int) -> str:
+        """Return the name of a value."""
+        return self.names.get(value, str(value))
+
+
 class _Watched(NamedTuple):
-    """The position of the state in a message, and the names of its values."""
+    """A message with a state: its source, its length in bytes, the state, and the cause of an ECU."""
 
     source: str
-    state: SignalBits
-    names: Mapping[int, str]
-    causes: Mapping[int, str]
+    length: int
+    state: _Field
+    cause: _Field | None
 
 
 class StateWatch:
@@ -38,37 +53,42 @@ class StateWatch:
 
     def __init__(self, codecs: Mapping[str, Codec]) -> None:
         """Watch the states in these buses' DBC files."""
-        self._codecs = codecs
         self.watched: dict[tuple[str, int], _Watched] = {}
         for bus, codec in codecs.items():
             for name in _STATES.keys() & set(codec.names):
                 self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
-        self._last: dict[tuple[str, int], int] = {}
+        self._last: dict[tuple[str, int], tuple[int, int]] = {}
 
-    def change(self, bus: str, can_id: int, data: bytes) -> StateChange | None:
-        """Return the state change in a frame, None if there is none."""
+    def change(self, bus: str, can_id: int, data: bytes) -> StateChange | CauseChange | None:
+        """Return the change of state or cause in a frame, None if there is none or its length is wrong."""
         place = self.watched[bus, can_id]
-        if 8 * len(data) <= place.state.shift:
+        if len(data) != place.length:
             return None
-        state = int.from_bytes(data, "little") >> place.state.shift & place.state.mask
-        before = self._last.get((bus, can_id), _NORMAL[place.state.signal][0])
+        number = int.from_bytes(data, "little")
+        state = place.state.value(number)
+        cause = place.cause.value(number) if place.cause else Cause.NONE
+        normal = _NORMAL[place.state.bits.signal]
+        before, cause_before = self._last.get((bus, can_id), (normal[0], Cause.NONE))
+        if (state, cause) == (before, cause_before):
+            return None
+        self._last[bus, can_id] = state, cause
+        was, becomes = (place.state.name(value).lower() for value in (before, state))
+        causes = [place.cause.name(value) if place.cause and value else "" for value in (cause, cause_before)]
         if state == before:
-            return None
-        self._last[bus, can_id] = state
-        was, becomes = (place.names.get(value, str(value)).lower() for value in (before, state))
-        cause = int(self._codecs[bus].decode(can_id, data)[1].get(_CAUSE, 0))
-        level = "info" if state in _NORMAL[place.state.signal] else "warning"
-        return StateChange(level, place.source, was, becomes, place.causes.get(cause, "") if cause else "")
+            level = "warning" if cause and state != normal[0] else "info"
+            return CauseChange(level, place.source, becomes, *causes)
+        level = "info" if state in normal else "warning"
+        return StateChange(level, place.source, was, becomes, *causes)
 
 
 def _watched(bus: str, name: str, codec: Codec) -> _Watched:
     message = codec.message(name)
-    signals = {signal.name: signal for signal in message.signals}
-    (state,) = (bits for bits in codec.bits(name) if bits.signal == _STATES[name])
+    fields = {
+        bits.signal: _Field(bits, _texts(message.get_signal_by_name(bits.signal).choices)) for bits in codec.bits(name)
+    }
     sender = process_of(bus, message.senders[0])
-    source = f"{bus}.actuators" if sender == PLANT else sender
-    causes = signals[_CAUSE].choices if _CAUSE in signals else None
-    return _Watched(source, state, _texts(signals[state.signal].choices), _texts(causes))
+    source = f"{bus}.{ACTUATORS}" if sender == PLANT else sender
+    return _Watched(source, message.length, fields[_STATES[name]], fields.get(_CAUSE))
 
 
 def _texts(choices: Mapping[int, object] | None) -> dict[int, str]:

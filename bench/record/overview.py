@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
+from bench.events import CauseChange, StateChange
 from bench.mcap.recovered import Recovery
 from bench.mcap.time_span import NS, Span
+from bench.record.event import Event
 from bench.record.reader import Run
 
 
@@ -16,6 +19,15 @@ class TopicCount:
     name: str
     messages: int
     per_s: float | None
+
+
+@dataclass(frozen=True)
+class Noticed:
+    """A cause that an ECU reported: when first (s), and how many times it became the most serious one."""
+
+    cause: str
+    first_s: float
+    times: int
 
 
 @dataclass(frozen=True)
@@ -33,6 +45,8 @@ class Overview:
         topics: all other topics.
         signals: number of signals and true values by name.
         events: number of events of each level.
+        causes: ECU -> the causes that it reported once it had started, in the order of their first times. In logs
+            of older versions only those with which its state changed.
         attachments: file name -> bytes.
         damage: damage of the file, empty if intact.
     """
@@ -48,6 +62,7 @@ class Overview:
     topics: list[TopicCount]
     signals: int
     events: dict[str, int]
+    causes: dict[str, list[Noticed]]
     attachments: dict[str, int]
     damage: str
 
@@ -78,9 +93,23 @@ def overview(run: Run) -> Overview:
         topics=[_count(run, topic, topic, whole) for topic in sorted(run.topics) if topic not in raw],
         signals=len(run.names()),
         events={level: levels.count(level) for level in dict.fromkeys(levels)},
+        causes=_causes(run.events),
         attachments={name: len(data) for name, data in run.attachments.items()},
         damage=run.damage,
     )
+
+
+def _causes(events: Iterable[Event]) -> dict[str, list[Noticed]]:
+    found: dict[str, dict[str, Noticed]] = {}
+    for event in events:
+        cause = event.fields.get("cause")
+        if event.kind not in (StateChange.kind, CauseChange.kind) or event.level == "info":
+            continue
+        if cause and isinstance(cause, str) and cause != event.fields.get("cause_before"):
+            own = found.setdefault(event.source, {})
+            before = own.get(cause, Noticed(cause, event.time_s, 0))
+            own[cause] = replace(before, times=before.times + 1)
+    return {ecu: list(found[ecu].values()) for ecu in sorted(found)}
 
 
 def _count(run: Run, topic: str, name: str, whole: Span | None) -> TopicCount:

@@ -13,7 +13,7 @@ from playwright.sync_api import ViewportSize, sync_playwright
 from bench.analysis.figures import pool_of
 from bench.analysis.page_data import events_of, page_data
 from bench.analysis.report import render, render_both, render_live
-from bench.events import FaultBegins, FaultEnds, StateChange
+from bench.events import CauseChange, FaultBegins, FaultEnds, StateChange
 from bench.record import Run
 
 from .conftest import Motions
@@ -297,6 +297,39 @@ def test_faults_and_modes_are_marked_and_listed(open_page, faulty):
     settle(tab)
     assert time_of(tab) == pytest.approx(0.5, abs=0.011)
     assert "safe" not in tab.locator("#vehicles li").first.inner_text()
+
+
+def test_a_flapping_cause_is_one_row_and_the_player_shows_state_and_cause_of_every_moment(open_page, run_of):
+    motions = Motions(1, 200)
+    flapping = [
+        (0.3 + 0.02 * number + 0.01 * well, change)
+        for number in range(60)
+        for well, change in enumerate(
+            (
+                StateChange("warning", "veh1.planner", "run", "degraded", "SensorMissing", ""),
+                StateChange("info", "veh1.planner", "degraded", "run", "", "SensorMissing"),
+            )
+        )
+    ]
+    lost = (1.6, StateChange("warning", "veh1.planner", "run", "degraded", "PeerMissing", ""))
+    motions.events = [
+        *flapping,
+        lost,
+        (1.7, CauseChange("warning", "veh1.planner", "degraded", "PeerLost", "PeerMissing")),
+    ]
+    tab = open_page(render(run_of(motions)))
+    assert [row.split("\t")[::2] for row in tab.locator("#event-rows tr").all_inner_texts()] == [
+        ["0.30 s", "run -> degraded (SensorMissing), 60 times until 1.48 s"],
+        ["0.31 s", "degraded -> run (SensorMissing -> no cause), 60 times until 1.49 s"],
+        ["1.60 s", "run -> degraded (PeerMissing)"],
+        ["1.70 s", "degraded: PeerMissing -> PeerLost"],
+    ]
+    shown = []
+    for time_s in (0.2, 0.7, 0.71, 1.48, 1.5, 1.65, 1.9):
+        go_to(tab, time_s)
+        shown.append(tab.locator("#vehicles li .state").first.inner_text())
+    flap, lost, missing = (f"degraded: planner ({cause})" for cause in ("SensorMissing", "PeerLost", "PeerMissing"))
+    assert shown == ["", flap, "", flap, "", missing, lost]
 
 
 def test_a_finger_reads_figures_and_marks(open_page, faulty):

@@ -3,13 +3,14 @@
 import pytest
 
 from bench.bus.codec import load_codecs
+from bench.bus.states import Cause, EcuState
 from bench.conductor.state_watch import StateWatch
-from bench.events import StateChange
+from bench.events import CauseChange, StateChange
 
 CODECS = load_codecs(1)
 
 
-def shown(watch: StateWatch, message: str, **signals: float) -> StateChange | None:
+def shown(watch: StateWatch, message: str, **signals: float) -> StateChange | CauseChange | None:
     codec = CODECS["veh1"]
     return watch.change("veh1", *codec.encode(message, {**codec.start_values(message), **signals}))
 
@@ -19,24 +20,48 @@ def test_each_change_is_told_once_with_its_cause() -> None:
     names = {"PlannerStatus", "TrackerStatus", "ActuatorStatus"}
     assert set(watch.watched) == {("veh1", CODECS["veh1"].can_id(name)) for name in names}
     assert shown(watch, "TrackerStatus", State=0) is None
-    assert shown(watch, "TrackerStatus", State=1) == StateChange("info", "veh1.tracker", "init", "run")
+    assert shown(watch, "TrackerStatus", State=1) == StateChange("info", "veh1.tracker", "init", "run", "", "")
     assert shown(watch, "TrackerStatus", State=1, Tau=2.0) is None
     causes = CODECS["veh1"].message("TrackerStatus").get_signal_by_name("Cause").choices
     cause = max(causes)
     degraded = shown(watch, "TrackerStatus", State=2, Cause=cause)
-    assert degraded == StateChange("warning", "veh1.tracker", "run", "degraded", str(causes[cause]))
-    assert shown(watch, "TrackerStatus", State=1) == StateChange("info", "veh1.tracker", "degraded", "run")
+    assert degraded == StateChange("warning", "veh1.tracker", "run", "degraded", str(causes[cause]), "")
+    well = StateChange("info", "veh1.tracker", "degraded", "run", "", str(causes[cause]))
+    assert shown(watch, "TrackerStatus", State=1) == well
+
+
+def test_each_change_of_an_ecus_cause_is_told_once_also_if_the_state_stays() -> None:
+    watch = StateWatch(CODECS)
+    lost = {"State": EcuState.DEGRADED, "Cause": Cause.PEER_LOST}
+    assert shown(watch, "PlannerStatus", State=0, Cause=Cause.PEER_MISSING) == CauseChange(
+        "info", "veh1.planner", "init", "PeerMissing", ""
+    )
+    degraded = StateChange("warning", "veh1.planner", "init", "degraded", "PeerMissing", "PeerMissing")
+    assert shown(watch, "PlannerStatus", State=2, Cause=Cause.PEER_MISSING) == degraded
+    assert degraded.text == "init -> degraded (PeerMissing)"
+    change = shown(watch, "PlannerStatus", **lost)
+    assert change == CauseChange("warning", "veh1.planner", "degraded", "PeerLost", "PeerMissing")
+    assert change.text == "degraded: PeerMissing -> PeerLost"
+    assert change.fields == {
+        **{"vehicle": 1, "ecu": "veh1.planner", "state": "degraded"},
+        **{"cause": "PeerLost", "cause_before": "PeerMissing"},
+    }
+    assert shown(watch, "PlannerStatus", **lost, SolveTime=0.1) is None
+    gone = shown(watch, "PlannerStatus", State=2)
+    assert gone == CauseChange("info", "veh1.planner", "degraded", "", "PeerLost")
+    assert gone.text == "degraded: PeerLost -> no cause"
 
 
 def test_senders_are_told_apart() -> None:
     watch = StateWatch(CODECS)
-    assert shown(watch, "PlannerStatus", State=3) == StateChange("warning", "veh1.planner", "init", "safe")
-    assert shown(watch, "ActuatorStatus", ActuatorState=2) == StateChange("warning", "veh1.actuators", "init", "hold")
+    assert shown(watch, "PlannerStatus", State=3) == StateChange("warning", "veh1.planner", "init", "safe", "", "")
+    hold = StateChange("warning", "veh1.actuators", "init", "hold", "", "")
+    assert shown(watch, "ActuatorStatus", ActuatorState=2) == hold
+    assert "ecu" not in hold.fields
 
 
-@pytest.mark.parametrize("length", range(8))
-def test_a_frame_too_short_shows_nothing(length: int) -> None:
+@pytest.mark.parametrize("length", [*range(8), 9, 64])
+def test_a_frame_of_wrong_length_shows_nothing(length: int) -> None:
     watch = StateWatch(CODECS)
     for bus, can_id in watch.watched:
-        if 8 * length <= watch.watched[bus, can_id].state.shift:
-            assert watch.change(bus, can_id, b"\xff" * length) is None
+        assert watch.change(bus, can_id, b"\xff" * length) is None

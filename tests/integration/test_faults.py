@@ -87,7 +87,7 @@ def test_a_crashed_tracker_starts_anew_and_joins(tmp_path: Path, can: str) -> No
         (0.1, FaultBegins.kind, {**crash, "until_s": 0.3}),
         (0.3, FaultEnds.kind, crash),
     ]
-    hold = {"before": "active", "after": "hold", "cause": ""}
+    hold = {"vehicle": 2, "before": "active", "after": "hold", "cause": "", "cause_before": ""}
     assert hold in [fields for _, _, fields in told(recorded, "veh2.actuators")]
 
 

@@ -97,7 +97,13 @@ OLD: list[tuple[events.Event, str, str, str]] = [
 ]
 """An event of each kind, and level, source and text of what logs without kinds had for it."""
 
-EVENTS = [event for event, *_ in OLD]
+NEW: list[events.Event] = [
+    events.StateChange("warning", "veh3.planner", "degraded", "safe", "OwnMotionLost", "SensorLost"),
+    events.CauseChange("warning", "veh3.planner", "degraded", "PeerLost", "PeerMissing"),
+]
+"""What logs without kinds did not have."""
+
+EVENTS = [event for event, *_ in OLD] + NEW
 
 
 def all_kinds(kind: type = events._Kind) -> set[str]:

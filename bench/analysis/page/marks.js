@@ -7,12 +7,17 @@ const LINES_OF_TIP = 8;
 
 // Whether an event only reports the start of a component, or is for debugging.
 function isUsual({ kind, level, fields }) {
-  const starts = kind === "state_change" && ["init", "wait"].includes(fields.before);
+  const before = { state_change: fields.before, cause_change: fields.state }[kind];
+  const starts = ["init", "wait"].includes(before);
   return level === "debug" || (level === "info" && starts);
 }
 
 // How an event is drawn: as a fault, or by its level.
 const lookOf = ({ kind, level }) => (["fault_begins", "fault_ends"].includes(kind) ? "fault" : level);
+
+// The text of an event; a change that recurred has how often and until when.
+const textOf = ({ text, repeats }) =>
+  repeats.length ? `${text}, ${repeats.length + 1} times until ${seconds(repeats.at(-1))}` : text;
 
 // The other events: time, text and look.
 function eventMarks() {
@@ -20,8 +25,8 @@ function eventMarks() {
   for (const run of runs()) {
     for (const event of run.events) {
       if (isUsual(event)) continue;
-      const { time_s: time, source, text } = event;
-      found.push({ time, look: lookOf(event), text: says(run, time, source, text) });
+      const { time_s: time, source } = event;
+      found.push({ time, look: lookOf(event), text: says(run, time, source, textOf(event)) });
     }
     if (run.formation_time > firstTime()) {
       found.push({ time: run.formation_time, look: "formed", text: says(run, run.formation_time, "", "formed") });

@@ -94,12 +94,15 @@ function showTimeLine() {
 
 // ---- the state of each vehicle, below the road
 
-// State of each component from the events up to `time`: run, degraded, safe ...
+// State and cause of each component from the events up to `time`: { state: "degraded", cause: "PeerLost" }.
 function statesAt(run, time) {
   const states = new Map();
-  for (const { time_s: at, source, kind, fields } of run.events) {
-    if (at > time + 1e-9) break;
-    if (kind === "state_change") states.set(source, fields.after);
+  for (const { time_s: first, repeats, source, kind, fields } of run.events) {
+    if (first > time + 1e-9) break;
+    if (kind !== "state_change" && kind !== "cause_change") continue;
+    const at = repeats[indexAt(repeats, time)] ?? first;
+    if (at < (states.get(source)?.at ?? -Infinity)) continue;
+    states.set(source, { at, state: fields.after ?? fields.state, cause: fields.cause });
   }
   return states;
 }
@@ -107,10 +110,13 @@ function statesAt(run, time) {
 const PARTS = ["planner", "tracker", "actuators"];
 const WORSE_STATES = ["degraded", "hold", "safe"];
 
-// E.g. "degraded: planner, tracker; safe: actuators"; empty if all states are normal.
+// E.g. "degraded: planner (PeerLost), tracker; safe: actuators"; empty if all states are normal.
 function worse(states, vehicle) {
-  return WORSE_STATES.map((state) => [state, PARTS.filter((part) => states.get(`veh${vehicle}.${part}`) === state)])
-    .filter(([, parts]) => parts.length).map(([state, parts]) => `${state}: ${parts.join(", ")}`).join("; ");
+  const parts = PARTS.map((part) => ({ part, ...states.get(`veh${vehicle}.${part}`) }));
+  return WORSE_STATES.map((worst) => [worst, parts.filter(({ state }) => state === worst)])
+    .filter(([, those]) => those.length)
+    .map(([worst, those]) => `${worst}: ${those.map(({ part, cause }) => (cause ? `${part} (${cause})` : part)).join(", ")}`)
+    .join("; ");
 }
 
 function showVehicles(time) {

@@ -78,7 +78,7 @@ function fillEvents() {
   const body = byId("event-rows");
   body.replaceChildren();
   for (const event of told) {
-    const { run, time_s: time, level, source, text } = event;
+    const { run, time_s: time, level, source } = event;
     const row = element(body, "tr", { class: SERIOUS.includes(level) ? lookOf(event) : "" });
     const jump = element(element(row, "th", { scope: "row" }), "button", { class: "jump", type: "button" }, seconds(time));
     jump.addEventListener("click", () => {
@@ -86,7 +86,7 @@ function fillEvents() {
       takeTime(time);
     });
     element(row, "td", {}, run ? `${run} ${source}` : source);
-    element(row, "td", {}, text);
+    element(row, "td", {}, textOf(event));
   }
   if (more) element(element(body, "tr"), "td", { colspan: "3" }, `and ${more} more in the log, e.g. starts of components`);
 }
