@@ -21,4 +21,5 @@ def vehicle_bus(vehicle: int) -> str:
 def vehicle_of(name: str) -> int | None:
     """Number of the vehicle of a bus or process (veh3, veh3.planner), None if it belongs to no vehicle."""
     number = name.partition(".")[0].removeprefix("veh")
-    return int(number) if name.startswith("veh") and number.isdecimal() else None
+    # A log of another origin may have names of any length.
+    return int(number) if name.startswith("veh") and number.isdecimal() and len(number) < 10 else None

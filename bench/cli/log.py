@@ -31,7 +31,7 @@ class FormatName(StrEnum):
 
 
 class ExportName(StrEnum):
-    """A format to export to: frames as a log of another tool, or signals as a table."""
+    """A format to export to: frames as a log of another tool, or signals or events as a table."""
 
     CANDUMP = "candump"
     ASC = "asc"
@@ -39,9 +39,11 @@ class ExportName(StrEnum):
     MF4 = "mf4"
     CSV = "csv"
     PARQUET = "parquet"
+    JSON = "json"
 
 
 _TABLES = (ExportName.CSV, ExportName.PARQUET)
+_EVENTS = (*_TABLES, ExportName.JSON)
 
 
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
@@ -130,15 +132,30 @@ def export(
         typer.Option("--every", metavar="SECONDS", help="Tables: a row this often; else one for each value."),
     ] = None,
     labels: Annotated[bool, typer.Option("--labels", help="Tables: states by name instead of number.")] = False,
+    events: Annotated[
+        bool,
+        typer.Option("--events", help="The events instead of frames or signals: csv (the default), parquet, json."),
+    ] = False,
 ) -> None:
-    """Write a log's frames for other tools, or its signals as a table.
+    """Write a log's frames for other tools, or its signals or events as a table.
 
     Frames go to candump (.log), Vector ASC or BLF, or ASAM MDF 4 (.mf4). Identifiers, data, order and times (simulated,
     from 0) come back exactly with `platoon log import`.
 
     Signals go to CSV or Parquet: a row for each time, a column for each signal, sampled with zero-order hold.
+
+    Events (--events) go to CSV, Parquet or JSON: time, kind, level, vehicle, ECU, text and the named fields of each.
     """
+    if events:
+        others = {"--bus": bus, "--signal": signal, "--every": every_s, "--labels": labels or None}
+        for option, value in others.items():
+            if value is not None:
+                raise BadInput(f"{option} is not for --events")
+        _export_events(log, kind, out, start_s, end_s)
+        return
     chosen = kind or _export_format(out)
+    if chosen is ExportName.JSON:
+        raise BadInput("json is for --events; signals go to csv or parquet")
     for_tables = {"--signal": signal, "--from": start_s, "--to": end_s, "--every": every_s, "--labels": labels or None}
     is_table = chosen in _TABLES
     for option, value in {"--bus": bus}.items() if is_table else for_tables.items():
@@ -230,8 +247,10 @@ def layout(
 
 def _export_format(out: Path | None) -> ExportName:
     if out is None:
-        raise BadInput(f"give --format ({', '.join(ExportName)}) or -o FILE")
-    if out.suffix.lower() in [f".{each}" for each in _TABLES]:
+        raise BadInput(
+            f"give --format ({', '.join(each for each in ExportName if each is not ExportName.JSON)}) or -o FILE"
+        )
+    if out.suffix.lower() in [f".{each}" for each in _EVENTS]:
         return ExportName(out.suffix.lower()[1:])
     from bench.record.exchange import Format
 
@@ -247,6 +266,22 @@ def _export_frames(log: Path, kind: FormatName, out: Path | None, buses: list[st
     channels = ", ".join(f"{number} = {name}" for name, number in done.channels.items() if number != name)
     typer.echo(f"{target}: {done.frames} frames{f', channels {channels}' if channels else ''}")
     _show(done.notes)
+
+
+def _export_events(
+    log: Path, kind: ExportName | None, out: Path | None, start_s: float | None, end_s: float | None
+) -> None:
+    from bench.record.exchange.events import EventFormat, export_events
+
+    formats = ", ".join(_EVENTS)
+    named = out.suffix.lower().removeprefix(".") if out is not None else ExportName.CSV.value
+    chosen = kind.value if kind is not None else named
+    if chosen not in _EVENTS:
+        raise BadInput(f"--events: {chosen or out} is not one of {formats}; give --format, or -o with that suffix")
+    form = EventFormat(chosen)
+    target = out or log.with_name(f"{log.stem}-events{form.suffix}")
+    count = export_events(readable_log(log), target, form, start_s=start_s, end_s=end_s)
+    typer.echo(f"{target}: {count} events")
 
 
 def _rate(count: int, what: str, per_s: float | None) -> str:

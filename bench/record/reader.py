@@ -363,7 +363,7 @@ class Run:
                 message = decoder.message(payload)
                 try:
                     found.append(read(time_ns / NS, message))
-                except (AttributeError, ValueError) as error:
+                except (AttributeError, ValueError, RecursionError) as error:
                     raise BadInput(f"{self.path}: topic {topic} has messages that are not events: {error}") from error
         return found
 

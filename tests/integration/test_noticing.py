@@ -1,11 +1,16 @@
 """Which ECU noticed a fault, and when: every change of its state or cause on the bus is an event of the log."""
 
+import json
+from pathlib import Path
+
+import polars as pl
 import pytest
 
 from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.events import CauseChange, StateChange
+from bench.record.exchange.events import EventFormat, export_events
 from bench.record.overview import Noticed, overview
 from bench.record.reader import Run
 from bench.scenario import load
@@ -59,3 +64,20 @@ def test_the_overview_says_who_noticed_what_and_when(noisy: Run) -> None:
                 t for t, now, was in zip(signal["t"], rows, [False, *rows], strict=False) if now and not was and t > 0
             ]
             assert noticed[f"veh{vehicle}.planner", cause] == Noticed(cause, times[0], len(times))
+
+
+@pytest.mark.parametrize("kind", EventFormat, ids=str)
+def test_the_events_of_a_real_run_are_exported(noisy: Run, tmp_path: Path, kind: EventFormat) -> None:
+    target = tmp_path / f"events{kind.suffix}"
+    assert export_events(noisy.path, target, kind) == len(noisy.events)
+    if kind is EventFormat.JSON:
+        rows = [{**row, **row["fields"]} for row in json.loads(target.read_text())]
+    else:
+        table = pl.read_csv(target).rename({"t [s]": "t"}) if kind is EventFormat.CSV else pl.read_parquet(target)
+        rows = table.to_dicts()
+    assert [(row["t"], row["text"]) for row in rows] == [(event.time_s, event.text) for event in noisy.events]
+    # The question of the table: when did vehicle 3 notice that it heard nobody?
+    noticed = [row["t"] for row in rows if row["vehicle"] == 3 and row.get("cause") == "PeerLost"]
+    assert noticed[0] == next(c.first_s for c in overview(noisy).causes["veh3.planner"] if c.cause == "PeerLost")
+    crash = {(row["ecu"], row["vehicle"]) for row in rows if row.get("fault") == "ecu_crash"}
+    assert crash == {("veh2.tracker", 2)}

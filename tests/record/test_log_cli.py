@@ -17,6 +17,7 @@ from bench.cli.log import ExportName, FormatName
 from bench.cli.main import main
 from bench.record import LogDamaged, Run
 from bench.record.exchange import Format
+from bench.record.exchange.events import EventFormat
 from bench.record.exchange.tables import TableFormat
 
 from .conftest import SCENARIO
@@ -47,7 +48,8 @@ def log(recorded, tmp_path):
 
 def test_the_command_has_the_formats_there_are():
     assert [name.value for name in FormatName] == [kind.value for kind in Format]
-    assert [name.value for name in ExportName] == [kind.value for kind in [*Format, *TableFormat]]
+    assert [name.value for name in ExportName] == [kind.value for kind in [*Format, *EventFormat]]
+    assert set(TableFormat) < set(EventFormat)
 
 
 def test_info_tells_what_a_log_is(platoon, log, recorded):
@@ -275,6 +277,19 @@ def test_what_cannot_be_done_is_refused_in_one_line(platoon, tmp_path):
         (["export", "run.mcap", "-o", "a.csv", "--from", "2"], "no values of these signals in that time"),
         (["export", "run.mcap", "-o", "a.csv", "--from", "0.2", "--to", "0.1"], "is an empty range"),
         (["export", "run.mcap", "--format", "csv", "-o", "a.parquet"], ".csv"),
+        (["export", "run.mcap", "-o", "a.json"], "json is for --events"),
+        (["export", "run.mcap", "--format", "json"], "json is for --events"),
+        (["export", "run.mcap", "--events", "-o", "a.txt"], "txt is not one of csv, parquet, json"),
+        (["export", "run.mcap", "--events", "-o", "a"], "a is not one of csv, parquet, json"),
+        (["export", "run.mcap", "--events", "--format", "blf"], "blf is not one of csv, parquet, json"),
+        (["export", "run.mcap", "--events", "--format", "json", "-o", "a.csv"], "ends in .json"),
+        (["export", "run.mcap", "--events", "-o", "none/a.csv"], "mkdir"),
+        (["export", "run.mcap", "--events", "--bus", "veh1"], "--bus is not for --events"),
+        (["export", "run.mcap", "--events", "--signal", "*"], "--signal is not for --events"),
+        (["export", "run.mcap", "--events", "--every", "1"], "--every is not for --events"),
+        (["export", "run.mcap", "--events", "--labels"], "--labels is not for --events"),
+        (["export", "run.mcap", "--events", "--from", "2", "--to", "1"], "is an empty range"),
+        (["export", "bad.log", "--events"], "is not an MCAP file"),
         (["export", "bad.log", "-o", "a.csv"], "is not an MCAP file"),
         (["info", "bad.log"], "is not an MCAP file"),
         (["signals", "run.mcap", "veh1.VehicleMotoin.*"], "near are"),
