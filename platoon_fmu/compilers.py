@@ -152,8 +152,8 @@ def _zig(target: Platform) -> Compiler:
         raise FmuError(
             f"building for {target.name} needs zig's C compiler, which is not installed: pip install ziglang"
         )
-    command = (sys.executable, "-m", "ziglang", "cc", "-target", target.target)
     folder = Path(found.origin).parent
+    command = (str(folder / "zig"), "cc", "-target", target.target)
     licenses = {"zig.txt": folder / "LICENSE"}
     if target.suffix == ".dll":
         licenses["mingw-w64.txt"] = folder / "lib/libc/mingw/COPYING"

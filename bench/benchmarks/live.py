@@ -1,7 +1,6 @@
 """The cost of a live viewer: the same run with and without a viewer of its live page, alternately."""
 
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +14,7 @@ from bench.conductor.run import run
 from bench.live.address import DEFAULT, LiveAddress
 from bench.live.session import LiveSession, live
 from bench.scenario import load
+from platoon_fmu.interpreter import python
 
 ROUNDS = 7
 LIMIT = 1.05
@@ -51,10 +51,9 @@ def _watched(logs: Path) -> float:
     return seconds
 
 
-def _viewer(session: LiveSession) -> "subprocess.Popen[str]":
+def _viewer(session: LiveSession) -> subprocess.Popen[bytes]:
     page = session.served().split()[1]
-    command = [sys.executable, "-m", "bench.benchmarks.viewer", page]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    return python("bench.benchmarks.viewer", page, stdout=subprocess.PIPE)
 
 
 def _run(log: Path) -> float:

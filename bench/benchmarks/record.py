@@ -5,7 +5,6 @@ the obvious alternative: `mcap.reader` and cantools, frame by frame.
 """
 
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -28,6 +27,7 @@ from bench.record.can_frame import NAME, SCHEMA, Frame
 from bench.record.layout import message_class
 from bench.record.reader import Run
 from bench.record.writer import RunWriter
+from platoon_fmu.interpreter import interpreter
 
 PERIOD_S = 10
 """Duration of the repeated run: that of the scenario `formation`."""
@@ -213,6 +213,6 @@ def memory(log: Path, frames: int) -> Table:
 
 def memory_of(code: str, log: Path) -> int:
     """Return the peak memory in bytes of a process that opens `log` as `run` and runs `code`."""
-    command = [sys.executable, "-c", _CHILD.format(code), str(log)]
+    command = [*interpreter(), "-c", _CHILD.format(code), str(log)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     return int(done.stdout.split()[-1]) * 1024

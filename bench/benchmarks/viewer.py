@@ -1,4 +1,4 @@
-"""A read-only viewer of a live run, which prints the number of rows: `python -m bench.benchmarks.viewer URL`."""
+"""A read-only viewer of a live run, which prints the number of rows; its argument is the URL."""
 
 import json
 import sys
@@ -26,7 +26,3 @@ def main() -> None:
                 rows += len(json.loads(feed.recv()).get("append", {}).get("pool", {}).get("t", []))
         except ConnectionClosed:
             sys.stdout.write(f"{rows}\n")
-
-
-if __name__ == "__main__":
-    main()

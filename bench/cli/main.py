@@ -21,6 +21,7 @@ from bench.cli.results import add_results
 from bench.cli.run import add_run
 from bench.errors import BadInput, BenchError
 from platoon_fmu.errors import FmuError
+from platoon_fmu.interpreter import search_path
 
 app = typer.Typer(
     name="platoon",
@@ -59,6 +60,8 @@ def _options(
 
 def main() -> None:
     """Run the command; show what went wrong as one message."""
+    # With `python -m`, or an empty entry in PYTHONPATH, the working directory is on the path.
+    sys.path[:] = search_path()
     # Before numpy is loaded: on matrices of three rows threads only slow it down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"

@@ -15,6 +15,8 @@ from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
 
+from platoon_fmu.interpreter import python
+
 _CONTROL = Path(__file__).parents[1] / "control"
 
 
@@ -49,8 +51,9 @@ def warm_up_once(folder: Path, say: Callable[[str], None]) -> None:
     if mark.exists():
         return
     say("compiling the controllers (about half a minute)")
-    done = subprocess.run([sys.executable, "-P", "-m", "bench.cli.warm_up"], capture_output=True, check=False)
-    if done.returncode == 0:
+    with python("bench.cli.warm_up", stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        code = process.wait()
+    if code == 0:
         with suppress(OSError):
             mark.touch()
 

@@ -6,7 +6,6 @@ import pickle
 import selectors
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -23,6 +22,7 @@ from bench.conductor.fork_server import Child, Setup
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.linux import enlarge_pipe
 from bench.errors import RunFailed
+from platoon_fmu.interpreter import python
 
 LAST_WORDS_BYTES = 8192
 """Number of bytes kept from the end of a process's standard error."""
@@ -431,14 +431,13 @@ class ProcessCrew:
 
 def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
     """Start a fork server; its standard input is the lifeline."""
-    environment = os.environ | _THREADS | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
-        fork_server = subprocess.Popen(
-            [sys.executable, "-P", "-c", "from bench.conductor.fork_server import main; main()"],
+        fork_server = python(
+            "bench.conductor.fork_server",
+            settings=_THREADS,
             stdin=subprocess.PIPE,
             stdout=stderr,
             stderr=stderr,
-            env=environment,
             pass_fds=(setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
             # Ctrl-C in a terminal signals all processes of its group: only the conductor handles it.
             start_new_session=True,

@@ -8,8 +8,7 @@ l_f twice; here l_r limits acceleration and l_f braking.
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from bench.control.compiled import njit
 from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
 

@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bench.control.compiled import njit
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

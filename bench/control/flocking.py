@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bench.control.compiled import njit
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -9,10 +9,10 @@ so that the trade-off described in the paper is optimised: fast formation within
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.boundaries import Boundaries, admissible, speed_reach, yaw_rate_max
+from bench.control.compiled import njit
 from bench.control.flocking import GA, GB, Field, acceleration
 from bench.control.near_identity import input_rates, point, velocity
 from bench.control.settings import CostWeights

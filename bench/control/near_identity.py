@@ -9,8 +9,9 @@ side wind would settle beside its lane.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from bench.control.compiled import njit
 
 Vector = NDArray[np.float64]
 

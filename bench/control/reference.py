@@ -7,10 +7,10 @@ solves a box-constrained quadratic programme.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.allocation import Allocation
+from bench.control.compiled import njit
 from bench.control.quadratic import minimise
 from bench.control.vehicle_model import VehicleModel, linearise, step
 

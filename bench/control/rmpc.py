@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from bench.control.certificate import proven_cost
+from bench.control.compiled import njit
 from bench.control.outcome import SolverStatus
 from bench.control.robust_program import Answer, RobustProgram
 from bench.control.vehicle_model import LinearModel

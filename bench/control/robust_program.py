@@ -16,9 +16,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bench.control.compiled import njit
 from bench.control.outcome import SolverStatus
 from bench.control.semidefinite import Entry, SemidefiniteProgram
 from bench.control.vehicle_model import LinearModel

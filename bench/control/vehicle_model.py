@@ -11,9 +11,9 @@ ISO 8855 vehicle axes, wheels in the paper's order: 1 front left, 2 rear left, 3
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from bench.control.compiled import njit
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]

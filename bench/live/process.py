@@ -74,7 +74,3 @@ def _on_end_of_input(over: asyncio.Event) -> None:
             over.set()
 
     loop.add_reader(0, read)
-
-
-if __name__ == "__main__":
-    main()

@@ -6,7 +6,6 @@ import json
 import os
 import select
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from bench.errors import BadInput
 from bench.live.address import LiveAddress
+from platoon_fmu.interpreter import python
 
 START_S = 60.0
 """Wall-clock time in s that the server may take to start; only a machine in trouble needs more."""
@@ -47,8 +47,9 @@ class LiveSession:
         self._closing = ExitStack()
         self._last_words = self._closing.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - it is
         given = {"log": str(log.absolute()), "host": address.host, "port": address.port, "parent": os.getpid()}
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "bench.live.process", json.dumps(given)],
+        self._process = python(
+            "bench.live.process",
+            json.dumps(given),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._last_words,

@@ -5,7 +5,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import threading
 from collections import deque
@@ -14,6 +13,7 @@ from pathlib import Path
 from bench.conductor.linux import die_with_parent
 from bench.errors import BadInput
 from bench.vcan.guest import CONTROL, ERRORS, MODULES, MODULES_DIRECTORY, OUTPUT
+from platoon_fmu.interpreter import interpreter
 
 PROGRAM = "linux.uml"
 LEAST_MEMORY_MB = 256
@@ -73,7 +73,7 @@ class Machine:
         pipes = [os.pipe() for _ in range(5)]
         (told, self.control), (self.answers, answered), (self.output, out), (self.errors, err), (log, logged) = pipes
         theirs = (told, answered, out, err, logged)
-        python = Path(sys.executable)
+        python, *options = interpreter()
         self._process = subprocess.Popen(
             [
                 PROGRAM,
@@ -84,7 +84,7 @@ class Machine:
                 f"uml_dir={self._directory.name}/",
                 # Words with = become the first process's environment; what follows -- becomes its arguments.
                 *(f'init="{python}"', f'PYTHONPATH="{_ROOT}"', "PYTHONDONTWRITEBYTECODE=1"),
-                *("--", "-S", "-m", "bench.vcan.guest"),
+                *("--", *options, "-S", "-m", "bench.vcan.guest"),
             ],
             stdin=subprocess.DEVNULL,
             stdout=logged,

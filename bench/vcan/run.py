@@ -18,6 +18,7 @@ from bench.vcan import wire
 from bench.vcan.guest import LINKS
 from bench.vcan.machine import Machine
 from bench.vcan.wire import Kind, Launch
+from platoon_fmu.interpreter import interpreter
 
 MEMORY_MB = 2048
 
@@ -70,7 +71,7 @@ def _is_here() -> bool:
 def _environment() -> dict[str, str]:
     """Return the caller's environment, in which this installation's commands are found even where it is not active."""
     path = os.environ.get("PATH", os.defpath)
-    return {**os.environ, "PATH": os.pathsep.join([path, str(Path(sys.executable).parent)])}
+    return {**os.environ, "PATH": os.pathsep.join([path, str(Path(interpreter()[0]).parent)])}
 
 
 def _umask() -> int:

@@ -1,4 +1,4 @@
-"""The process that runs the dynamic checks: `python -m platoon_fmu.checks.check_process FOLDER SECONDS`.
+"""The process that runs the dynamic checks; its arguments are FOLDER and SECONDS.
 
 FOLDER contains the unpacked FMU, SECONDS is the time limit of a check. Each check runs in a separate process, forked
 from this one. Standard output has one JSON object per line: first whether the binaries can be loaded, then the checks
@@ -86,7 +86,3 @@ def main() -> None:
 def _answer(content: dict[str, str]) -> None:
     sys.stdout.write(json.dumps(content) + "\n")
     sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()

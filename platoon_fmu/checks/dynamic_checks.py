@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -44,6 +43,7 @@ from platoon_fmu.checks.trial import (
 )
 from platoon_fmu.errors import FmuError
 from platoon_fmu.importer import Instance, Kind, OpenFmu, Value
+from platoon_fmu.interpreter import python
 
 Array = NDArray[np.float64]
 
@@ -236,10 +236,17 @@ def state_in_another_process(subject: Subject) -> Finding:
     content = instance.serialise()
     header = {"folder": str(subject.fmu.folder), "kind": subject.kind, "time": instance.time}
     expected = subject.run(instance)
-    command = [sys.executable, "-P", "-m", "platoon_fmu.checks.resumed", json.dumps(header), str(subject.timeout_s)]
     # It terminates itself on timeout.
-    done = subprocess.run(command, input=content, capture_output=True, check=False)
-    answer = _answer(done)
+    with python(
+        "platoon_fmu.checks.resumed",
+        json.dumps(header),
+        str(subject.timeout_s),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as process:
+        output, errors = process.communicate(content)
+    answer = _answer(process.returncode, output, errors)
     found = [{name: tuple(values) for name, values in snapshot.items()} for snapshot in answer]
     return _same(
         expected,
@@ -250,15 +257,15 @@ def state_in_another_process(subject: Subject) -> Finding:
     )
 
 
-def _answer(done: subprocess.CompletedProcess[bytes]) -> Any:
+def _answer(code: int, output: bytes, errors: bytes) -> Any:
     """The values computed by the other process.
 
     Raises:
         FmuError: it crashed, or the FMU refused.
     """
-    if done.returncode:
-        raise FmuError(f"the process that restored the state {cause_of_death(done.returncode, done.stderr)}")
-    return json.loads(done.stdout)
+    if code:
+        raise FmuError(f"the process that restored the state {cause_of_death(code, errors)}")
+    return json.loads(output)
 
 
 def interleaved(subject: Subject) -> Finding:

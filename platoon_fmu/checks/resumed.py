@@ -1,4 +1,4 @@
-"""Continues from an FMU's serialised state in another process: `python -m platoon_fmu.checks.resumed HEADER SECONDS`.
+"""Continues from an FMU's serialised state in another process; its arguments are HEADER and SECONDS.
 
 HEADER is JSON with the folder of the unpacked FMU, the kind and the time of the state; SECONDS is the time limit; the
 state is read from standard input. The values after each step are written to standard output as JSON.
@@ -32,7 +32,3 @@ def main() -> None:
         sys.exit(str(error))
     with answer:
         json.dump(snapshots, answer)
-
-
-if __name__ == "__main__":
-    main()

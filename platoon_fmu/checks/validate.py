@@ -6,7 +6,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 from platoon_fmu.archive import one_line
 from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.errors import FmuError
+from platoon_fmu.interpreter import python
 
 if TYPE_CHECKING:
     from platoon_fmu.importer import OpenFmu
@@ -79,11 +79,14 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
     Raises:
         FmuError: a binary cannot be loaded.
     """
-    # -P: do not import modules from the working directory.
-    command = [sys.executable, "-P", "-m", "platoon_fmu.checks.check_process", str(folder), str(timeout_s)]
     # In a new session, so that all its child processes can be ended with it.
-    with subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, start_new_session=True
+    with python(
+        "platoon_fmu.checks.check_process",
+        str(folder),
+        str(timeout_s),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
     ) as process:
         try:
             answers = _answers(process)
@@ -95,7 +98,7 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
             _end(process)
 
 
-def _end(process: subprocess.Popen[str]) -> None:
+def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         if hasattr(os, "killpg"):
             os.killpg(process.pid, signal.SIGKILL)
@@ -103,7 +106,7 @@ def _end(process: subprocess.Popen[str]) -> None:
             process.kill()
 
 
-def _answers(process: subprocess.Popen[str]) -> Iterator[dict[str, str]]:
+def _answers(process: subprocess.Popen[bytes]) -> Iterator[dict[str, str]]:
     """Yield the output of a process line by line until it ends.
 
     Raises:
