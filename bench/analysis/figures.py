@@ -45,6 +45,8 @@ class Figures:
 
     Attributes:
         figures: in page order.
+        not_sent: what is not drawn because the ECUs did not send it: the titles of figures, with the vehicles if it is
+            not all of them.
     """
 
     def __init__(self, run: Run, buses: Sequence[BusLoad] = (), span: Span | None = None) -> None:
@@ -62,6 +64,7 @@ class Figures:
         self._scenario = run.scenario
         self._vehicles = range(1, run.vehicles + 1)
         self.figures: list[Figure] = []
+        self.not_sent: list[str] = []
         self._series.put("t", self._truth.t)
         self._paper_figures()
         self._more_of_the_motion()
@@ -86,8 +89,12 @@ class Figures:
         return {key: self.pool[key] for key in self._series.over_time}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return figures and pool as JSON-serialisable values."""
-        return {"figures": [asdict(figure) for figure in self.figures], "pool": self.pool}
+        """Return figures, pool and what was not sent as JSON-serialisable values."""
+        return {
+            "figures": [asdict(figure) for figure in self.figures],
+            "pool": self.pool,
+            "not_sent": self.not_sent,
+        }
 
     def _paper_figures(self) -> None:
         truth, goal = self._truth, self._scenario.platoon
@@ -122,11 +129,9 @@ class Figures:
         self._add(self._over_time("fig8", "Fig. 8  Yaw angle", group, "yaw angle [rad]", yaw))
         speed = self._with_reference("v_x", "VelocityX")
         lines = [Line(goal.speed_mps, "platoon")]
-        self._add(
-            self._over_time("fig9", "Fig. 9  Longitudinal speed", group, "v_x [m/s]", speed, lines, caption=_DASHED)
-        )
+        self._add_referred(self._over_time("fig9", "Fig. 9  Longitudinal speed", group, "v_x [m/s]", speed, lines))
         rate = self._with_reference("gamma", "YawRate")
-        self._add(self._over_time("fig10", "Fig. 10  Yaw rate", group, "γ [rad/s]", rate, caption=_DASHED))
+        self._add_referred(self._over_time("fig10", "Fig. 10  Yaw rate", group, "γ [rad/s]", rate))
         for v in self._vehicles:
             self._boundary_figure(v, group)
 
@@ -235,7 +240,7 @@ class Figures:
     def _commands(self) -> None:
         group = "Commands"
         steering = self._each("SteeringCommand", "SteeringAngle", "command.delta")
-        self._add_if(self._over_time("steering", "Steering angle command", group, "δ [rad]", steering))
+        self._add_sent(self._over_time("steering", "Steering angle command", group, "δ [rad]", steering))
         for v in self._vehicles:
             curves = []
             for wheel in _WHEELS:
@@ -244,8 +249,8 @@ class Figures:
                 if self._put_signal(key, v, message, f"Torque{wheel}"):
                     axle_colour = colour(v) if wheel.startswith("F") else "ink"
                     curves.append(Curve(wheel, "t", key, axle_colour, dash=wheel.endswith("R"), step=True))
-            self._add_if(
-                self._over_time(f"torque{v}", f"Wheel torque commands, vehicle {v}", group, "torque [N m]", curves)
+            self._add_sent(
+                self._over_time(f"torque{v}", f"Wheel torque commands, vehicle {v}", group, "torque [N m]", curves), [v]
             )
 
     def _estimates(self) -> None:
@@ -256,7 +261,7 @@ class Figures:
             ("DisturbanceYaw", "yaw", "rad/s²"),
         ):
             curves = self._each("TrackerDisturbance", signal, signal)
-            self._add_if(
+            self._add_sent(
                 self._over_time(signal.lower(), f"Disturbance estimate, {title}", group, f"estimate [{unit}]", curves)
             )
 
@@ -269,7 +274,9 @@ class Figures:
         ):
             curves = self._each(message, solid, f"flock.{solid}", step=True)
             curves += self._each(message, dashed, f"flock.{dashed}", dash=True, step=True)
-            self._add_if(self._over_time(f"flock{solid}", title, group, f"value [{unit}]", curves, y_range=[0.0, 1.0]))
+            self._add_sent(
+                self._over_time(f"flock{solid}", title, group, f"value [{unit}]", curves, y_range=[0.0, 1.0])
+            )
 
     def _solvers(self) -> None:
         group = _SOLVERS
@@ -280,12 +287,11 @@ class Figures:
         )
         for message, signal, title in timings:
             curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
-            if curves:
-                self._add(self._timing(f"{message}{signal}".lower(), title, group, curves))
+            self._add_sent(self._timing(f"{message}{signal}".lower(), title, group, curves))
         iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
-        self._add_if(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
+        self._add_sent(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
         tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
-        self._add_if(self._over_time("tau", "Cost bound τ", group, "τ", tau))
+        self._add_sent(self._over_time("tau", "Cost bound τ", group, "τ", tau))
 
     def _timing(self, figure_id: str, title: str, group: str, curves: list[Curve]) -> Figure:
         """Return a figure of times in ms, cut off so that a few outliers do not flatten the other values."""
@@ -374,7 +380,7 @@ class Figures:
 
     def _with_reference(self, truth_name: str, signal: str) -> list[Curve]:
         curves = [self._curve(v, "t", f"{v}.{truth_name}") for v in self._vehicles]
-        return curves + self._each("TrackerReferenceState", signal, f"ref.{signal}", dash=True)
+        return curves + self._each("Reference", signal, f"ref.{signal}", dash=True)
 
     def _each(
         self,
@@ -416,6 +422,31 @@ class Figures:
     def _add(self, figure: Figure) -> None:
         self.figures.append(figure)
 
+    def _add_sent(self, figure: Figure, of: Sequence[int] = ()) -> None:
+        """Add a figure of what the ECUs of all vehicles, or `of` some, send; note who did not."""
+        if not figure.curves:
+            self.not_sent.append(figure.title)
+            return
+        missing = [] if of else self._without(figure.curves)
+        if missing:
+            self.not_sent.append(f"{figure.title} ({named(missing)})")
+            figure = replace(figure, caption=f"{figure.caption} Not sent: {named(missing)}.".strip())
+        self._add(figure)
+
+    def _add_referred(self, figure: Figure) -> None:
+        """Add a figure of the motion in which the planners' references are dashed; note who sent none."""
+        missing = self._without([curve for curve in figure.curves if curve.dash])
+        caption = _DASHED if len(missing) < len(self._vehicles) else ""
+        if missing:
+            self.not_sent.append(f"Reference in {figure.title} ({named(missing)})")
+            caption = f"{caption} No reference was sent: {named(missing)}.".strip()
+        self._add(replace(figure, caption=caption))
+
+    def _without(self, curves: Sequence[Curve]) -> list[int]:
+        """Return the vehicles that have none of the curves."""
+        names = {curve.name for curve in curves}
+        return [v for v in self._vehicles if f"vehicle {v}" not in names]
+
     def _add_if(self, figure: Figure) -> None:
         if figure.curves:
             self._add(figure)
@@ -439,4 +470,9 @@ class Figures:
 
 
 _SOLVERS = "Solver and computing time"
-_DASHED = "Dashed: the reference of the same cycle."
+_DASHED = "Dashed: the planner's reference for the same cycle."
+
+
+def named(vehicles: Sequence[int]) -> str:
+    """Return vehicles as text: `vehicle 2`, `vehicles 1, 3`."""
+    return f"vehicle{'s' if len(vehicles) > 1 else ''} {', '.join(map(str, vehicles))}"

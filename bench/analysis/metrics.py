@@ -8,10 +8,14 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.boundary import margin
-from bench.analysis.motion import Array, Motion, motion, told
+from bench.analysis.motion import Array, Motion, motion
 from bench.analysis.step_times import step_times_ms
+from bench.analysis.told import told
+from bench.bus.network import ROLES, EcuSlot
+from bench.bus.states import EcuState
 from bench.control.outcome import GainSource, SolverStatus
 from bench.cycle import CYCLE_S
+from bench.names import vehicle_bus
 from bench.record import Run
 from bench.record.time_join import same_times
 
@@ -24,6 +28,8 @@ YAW_BAND_RAD = 0.01
 @dataclass(frozen=True)
 class Metrics:
     """The metrics of one run; lists hold one value per vehicle, `final_gaps_m` one per gap from the head.
+
+    What ECUs report of themselves is None if none of them sent it.
 
     Attributes:
         scenario: its name.
@@ -39,14 +45,14 @@ class Metrics:
         final_lateral_errors_m: offset from the centre of the platoon's lane, positive to the left.
         final_yaws_rad: yaw angles.
         boundary_margin_min: minimum of 1 - |gamma| / gamma_max of the ground truth; negative is outside the boundary.
-        speed_rmse_mps: RMS of ground truth minus the tracker's reference of the same cycle; None without a reference.
+        speed_rmse_mps: RMS of ground truth minus the planner's reference for the same cycle; None if it sent none.
         yaw_rate_rmse_radps: the same for the yaw rate.
-        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; empty if not recorded.
+        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles.
         tracker_ms: the same for the tracker's complete step.
         planner_ms: the same for the planner's complete step.
         fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.
-        frames_lost: number of frames dropped by receive queues.
-        e2e_errors: number of frames rejected by E2E protection.
+        frames_lost: number of frames dropped by receive queues; None if none is known of, but an ECU did not report.
+        e2e_errors: number of frames rejected by E2E protection; None likewise.
         real_time_factor: simulated time divided by wall-clock time; None if the run was cut off.
     """
 
@@ -64,12 +70,12 @@ class Metrics:
     boundary_margin_min: float
     speed_rmse_mps: list[float | None]
     yaw_rate_rmse_radps: list[float | None]
-    solver_ms: dict[str, float]
-    tracker_ms: dict[str, float]
-    planner_ms: dict[str, float]
-    fallback_steps: int
-    frames_lost: int
-    e2e_errors: int
+    solver_ms: dict[str, float] | None
+    tracker_ms: dict[str, float] | None
+    planner_ms: dict[str, float] | None
+    fallback_steps: int | None
+    frames_lost: int | None
+    e2e_errors: int | None
     real_time_factor: float | None
 
     def as_dict(self) -> dict[str, Any]:
@@ -105,12 +111,12 @@ def compute(run: Run) -> Metrics:
         boundary_margin_min=float(margin(truth.gamma, truth.v_x, truth.mu).min()),
         speed_rmse_mps=[_rmse(run, vehicle, truth.t, values, "VelocityX") for vehicle, values in _each(truth.v_x)],
         yaw_rate_rmse_radps=[_rmse(run, vehicle, truth.t, values, "YawRate") for vehicle, values in _each(truth.gamma)],
-        solver_ms=step_times_ms(run, "TrackerTiming", "SolveTime"),
-        tracker_ms=step_times_ms(run, "TrackerTiming", "StepTime"),
-        planner_ms=step_times_ms(run, "PlannerTiming", "StepTime"),
+        solver_ms=step_times_ms(run, "TrackerTiming", "SolveTime") or None,
+        tracker_ms=step_times_ms(run, "TrackerTiming", "StepTime") or None,
+        planner_ms=step_times_ms(run, "PlannerTiming", "StepTime") or None,
         fallback_steps=fallback_steps(run),
-        frames_lost=max(_last_sum(run, "FramesLost"), int(_number(run.result.get("frames_lost")) or 0)),
-        e2e_errors=max(_last_sum(run, "E2EErrors"), int(_number(run.result.get("e2e_errors")) or 0)),
+        frames_lost=_reported(run, "FramesLost", "frames_lost"),
+        e2e_errors=_reported(run, "E2EErrors", "e2e_errors"),
         real_time_factor=duration / wall_s if wall_s else None,
     )
 
@@ -133,16 +139,21 @@ def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> fl
     return float(truth.t[first]) if first < len(truth.t) else None
 
 
-def fallback_steps(run: Run) -> int:
-    """Return the number of cycles, over all vehicles, in which a running tracker did not use that cycle's SDP gain."""
-    total = 0
+def fallback_steps(run: Run) -> int | None:
+    """Return the number of cycles, over all vehicles, in which a running tracker did not use that cycle's SDP gain.
+
+    None if no tracker has reported how a solve ended, though at least one has left its initial state.
+    """
+    total, solved, begun = 0, False, False
     for vehicle in range(1, run.vehicles + 1):
         bus = f"veh{vehicle}"
         if run.has(bus, "TrackerStatus"):
             status = run.message(bus, "TrackerStatus")
             ran = status["SolverStatus"] != SolverStatus.NOT_RUN
             total += int((ran & (status["GainSource"] != GainSource.SDP)).sum())
-    return total
+            solved |= bool(ran.any())
+            begun |= bool((status["State"] != EcuState.INIT).any())
+    return total if solved or not begun else None
 
 
 def _each(values: Array) -> list[tuple[int, Array]]:
@@ -151,21 +162,25 @@ def _each(values: Array) -> list[tuple[int, Array]]:
 
 def _rmse(run: Run, vehicle: int, t: Array, truth: Array, signal: str) -> float | None:
     """Return the RMS of ground truth minus reference over the cycles that have a reference."""
-    reference = told(run, vehicle, "TrackerReferenceState")
-    if reference is None:
+    sent = told(run, vehicle, "Reference", signal)
+    if sent is None:
         return None
-    rows, at = same_times(reference["t"], t)
-    return float(np.sqrt(np.mean((truth[at] - reference[signal][rows]) ** 2))) if len(rows) else None
+    times, reference = sent
+    rows, at = same_times(times, t)
+    return float(np.sqrt(np.mean((truth[at] - reference[rows]) ** 2))) if len(rows) else None
 
 
-def _last_sum(run: Run, signal: str) -> int:
-    """Return the sum of a counter's last values over all health messages of all buses."""
-    total = 0
-    for bus in run.buses:
-        for message in run.messages(bus):
-            if message.endswith("BusHealth"):
-                total += int(run.message(bus, message)[signal][-1:].sum())
-    return total
+def _reported(run: Run, signal: str, result: str) -> int | None:
+    """Return the sum of a counter's last values over all health messages, or the run's own result if that is more.
+
+    None if that is 0, but an ECU never sent its health message.
+    """
+    sent = [(bus, message) for bus in run.buses for message in run.messages(bus) if message.endswith("BusHealth")]
+    known = sum(int(run.message(bus, message)[signal][-1:].sum()) for bus, message in sent)
+    total = max(known, int(_number(run.result.get(result)) or 0))
+    slots = [EcuSlot(role, vehicle) for role in ROLES for vehicle in range(1, run.vehicles + 1)]
+    silent = any((vehicle_bus(slot.vehicle), slot.message("BusHealth")) not in sent for slot in slots)
+    return None if silent and not total else total
 
 
 def _duration(run: Run, truth: Motion) -> float:

@@ -1,4 +1,4 @@
-"""The true motion of a run's vehicles on one time base, and what their ECUs reported."""
+"""The true motion of a run's vehicles on one time base."""
 
 from __future__ import annotations
 
@@ -8,15 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.bus.states import EcuState
 from bench.errors import BadInput
 from bench.record import Run
-from bench.record.reader import Columns
-from bench.record.time_join import same_times
 
 Array = npt.NDArray[np.float64]
-
-_OF_TRACKER = ("TrackerDisturbance", "TrackerReferenceState", "TrackerReferenceInput", "TrackerTarget")
 
 
 @dataclass(frozen=True)
@@ -99,18 +94,3 @@ def _order(run: Run, start: Array) -> tuple[int, ...]:
     if len(set(slots)) == run.vehicles:
         return tuple(int(index) for index in np.argsort(slots))
     return tuple(int(index) for index in np.argsort(-start, kind="stable"))
-
-
-def told(run: Run, vehicle: int, message: str) -> Columns | None:
-    """Return the values that an ECU of a vehicle sent in a message, `t` and signals by name; None if there are none.
-
-    References and estimates that a tracker sends before it has left INIT are left out.
-    """
-    bus = f"veh{vehicle}"
-    if not run.has(bus, message):
-        return None
-    columns = run.message(bus, message)
-    if message in _OF_TRACKER and run.has(bus, "TrackerStatus"):
-        status = run.message(bus, "TrackerStatus")
-        columns = columns.select(same_times(columns["t"], status["t"][status["State"] != EcuState.INIT])[0])
-    return columns if len(columns["t"]) else None

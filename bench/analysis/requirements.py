@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.analysis.metrics import Metrics
-from bench.analysis.step_times import median_and_p99
+from bench.analysis.step_times import NOT_SENT, median_and_p99
 from bench.scenario import Scenario
 
 LEAST_DISTANCE_M = 4.0
@@ -29,8 +29,9 @@ class Row:
         name: name of the metric.
         value: as text.
         requirement: as text; empty for none.
-        met: whether the requirement is met; None without one.
-        of_machine: whether the value depends on the machine more than on the run.
+        met: whether the requirement is met; None without one, and for a value that was not sent.
+        of_machine: whether the value depends on the machine more than on the run: it is shown apart, and is no verdict
+            on the run.
     """
 
     name: str
@@ -41,7 +42,7 @@ class Row:
 
 
 def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
-    """Return the metrics of a run with their requirements; computing times depend on the machine of the run."""
+    """Return the metrics of a run with their requirements; those that depend on the machine of the run are last."""
     goal = scenario.platoon
     formed = metrics.formation_time_s
     limit = FORMATION_TIME_S if scenario.name in TIMED else None
@@ -65,16 +66,25 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         ),
         Row("Speed error, RMS", _list(metrics.speed_rmse_mps, 4, "m/s")),
         Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
-        Row("Solver, median / p99", median_and_p99(metrics.solver_ms)),
+        Row("Steps with a fallback gain", count_text(metrics.fallback_steps)),
+        _none("Frames lost", metrics.frames_lost),
+        _none("E2E errors", metrics.e2e_errors),
+        Row("Solver, median / p99", median_and_p99(metrics.solver_ms), of_machine=True),
         _times("Tracker step, median / p99", metrics.tracker_ms, *TRACKER_MS),
         _times("Planner step, median / p99", metrics.planner_ms, PLANNER_MS, None),
-        Row("Steps with a fallback gain", str(metrics.fallback_steps)),
-        Row("Frames lost", str(metrics.frames_lost), "0", metrics.frames_lost == 0),
-        Row("E2E errors", str(metrics.e2e_errors), "0", metrics.e2e_errors == 0),
     ]
     if metrics.real_time_factor is not None:
-        rows.append(Row("Real-time factor", f"{metrics.real_time_factor:.2f}"))
+        rows.append(Row("Real-time factor", f"{metrics.real_time_factor:.2f}", of_machine=True))
     return [row for row in rows if row.value]
+
+
+def count_text(count: int | None) -> str:
+    """Return a number as text; None is one that no ECU has sent."""
+    return NOT_SENT if count is None else str(count)
+
+
+def _none(name: str, count: int | None) -> Row:
+    return Row(name, count_text(count), "0", None if count is None else count == 0)
 
 
 def _least_distance(metrics: Metrics) -> Row:
@@ -95,15 +105,15 @@ def _below(name: str, values: Sequence[float], limit: float, unit: str, digits: 
     )
 
 
-def _times(name: str, values: dict[str, float], median: float, p99: float | None) -> Row:
-    if not values:
-        return Row(name, "")
-    met = values["p50"] <= median and (p99 is None or values["p99"] <= p99)
+def _times(name: str, values: dict[str, float] | None, median: float, p99: float | None) -> Row:
+    met = None if values is None else values["p50"] <= median and (p99 is None or values["p99"] <= p99)
     asked = f"at most {median:g}" + (f" / {p99:g} ms" if p99 is not None else " ms median")
     return Row(name, median_and_p99(values), asked, met, of_machine=True)
 
 
 def _list(values: Sequence[float | None], digits: int, unit: str) -> str:
     # A value that rounds to zero is shown without a sign.
-    texts = ["–" if value is None else f"{round(value, digits) + 0.0:.{digits}f}" for value in values]
+    if values and all(value is None for value in values):
+        return NOT_SENT
+    texts = [NOT_SENT if value is None else f"{round(value, digits) + 0.0:.{digits}f}" for value in values]
     return f"{', '.join(texts)}\u00a0{unit}" if texts else ""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis.motion import Array, Motion, motion, told
+from bench.analysis.motion import Array, Motion, motion
+from bench.analysis.told import told
 from bench.cycle import CYCLE_S
 from bench.record import Run
 from bench.record.time_join import Rows, last_until, same_times, whole_ns
@@ -55,19 +56,19 @@ class Series:
             self._kept = np.flatnonzero(np.rint(self.truth.t / CYCLE_S).astype(np.int64) % stride == 0)
 
     def signal(self, v: int, message: str, signal: str, *, hold: bool = False) -> Array | None:
-        """Return a signal of vehicle `v` at all times, NaN for missing values; None if the log has none.
+        """Return a signal of vehicle `v` at all times, NaN for missing values; None if its ECU sent none, see `told`.
 
         With `hold` a value is held until the message is due again.
         """
-        values = np.full(len(self.truth.t), np.nan)
-        columns = told(self._run, v, message)
-        if columns is not None:
-            hold = hold and len(columns["t"]) > 1
-            rows, at = until_due(columns["t"], self.truth.t) if hold else same_times(columns["t"], self.truth.t)
-            values[at] = columns[signal][rows]
-        elif not (self.live and self._run.has(f"veh{v}", message)):
-            return None
-        return values
+        found = np.full(len(self.truth.t), np.nan)
+        sent = told(self._run, v, message, signal)
+        if sent is None:
+            return found if self.live and self._run.has(f"veh{v}", message) else None
+        times, values = sent
+        hold = hold and len(times) > 1
+        rows, at = until_due(times, self.truth.t) if hold else same_times(times, self.truth.t)
+        found[at] = values[rows]
+        return found
 
     def true(self, v: int, name: str) -> Array | None:
         """Return the ground truth `name` of vehicle `v` at all times; None if it was not recorded."""

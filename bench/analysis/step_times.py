@@ -9,6 +9,9 @@ import numpy.typing as npt
 
 from bench.record import Run
 
+NOT_SENT = "not sent"
+"""What is shown in place of a value that no ECU has sent."""
+
 MEDIAN_AND_P99 = (50.0, 99.0)
 _MICROSECONDS_PER_MS = 1000.0
 
@@ -31,6 +34,6 @@ def percentiles(values: npt.NDArray[np.float64], wanted: Sequence[float] = MEDIA
     return {f"p{share:g}": float(found) for share, found in zip(wanted, np.percentile(values, wanted), strict=True)}
 
 
-def median_and_p99(times_ms: Mapping[str, float]) -> str:
-    """Return median and 99th percentile of times as text; empty without times."""
-    return f"{times_ms['p50']:.2f} / {times_ms['p99']:.2f} ms" if times_ms else ""
+def median_and_p99(times_ms: Mapping[str, float] | None) -> str:
+    """Return median and 99th percentile of times as text."""
+    return f"{times_ms['p50']:.2f} / {times_ms['p99']:.2f} ms" if times_ms else NOT_SENT

@@ -41,6 +41,7 @@ def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics]) -> Page
         "figures": _figures(a["figures"], b["figures"]),
         "pool": {**a["pool"], **{B + key: values for key, values in b["pool"].items()}},
         "compared": _compared(a["metrics"], b["metrics"], metrics),
+        "not_sent": [f"{run}: {title}" for run, data in (("A", a), ("B", b)) for title in data["not_sent"]],
         "other": {**{key: value for key, value in b.items() if key not in ("figures", "pool")}, "prefix": B},
     }
 
@@ -99,14 +100,16 @@ def _lanes(a: list[tuple[float, bool]], b: list[tuple[float, bool]]) -> list[tup
 
 
 def _compared(a: list[list[Any]], b: list[list[Any]], metrics: tuple[Metrics, Metrics]) -> list[list[Any]]:
-    """Return rows: name, value of A and B, B − A, requirement of A and B, and whether A and B meet it."""
+    """Return rows: name, value of A and B, B − A, requirement of A and B, whether A and B meet it, `Row.of_machine`."""
     first, second = {row[0]: row for row in a}, {row[0]: row for row in b}
     none = ["", "–", "", None, False]
     rows = []
     for name in dict.fromkeys([*first, *second]):
         of_a, of_b = first.get(name, none), second.get(name, none)
-        rows.append([name, of_a[1], of_b[1], _difference(name, metrics), of_a[2], of_b[2], of_a[3], of_b[3]])
-    return rows
+        of_machine = of_a[4] or of_b[4]
+        values = [name, of_a[1], of_b[1], _difference(name, metrics), of_a[2], of_b[2], of_a[3], of_b[3], of_machine]
+        rows.append(values)
+    return sorted(rows, key=lambda row: bool(row[8]))
 
 
 def _difference(name: str, metrics: tuple[Metrics, Metrics]) -> str:
@@ -129,5 +132,5 @@ def _listed(value: Value) -> list[float | None]:
     return list(value) if isinstance(value, Sequence) else [value]
 
 
-def _times(times: dict[str, float]) -> list[float | None]:
-    return list(times.values())
+def _times(times: dict[str, float] | None) -> list[float | None]:
+    return [None, None] if times is None else list(times.values())

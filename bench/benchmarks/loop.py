@@ -83,7 +83,7 @@ def timing(runs: Sequence[Run]) -> Table:
 
 
 def _percentiles(recorded: Run, message: str, signal: str) -> str:
-    return median_and_p99(step_times_ms(recorded, message, signal)) or "-"
+    return median_and_p99(step_times_ms(recorded, message, signal))
 
 
 def deadlines(recorded: Run) -> Table:

@@ -73,6 +73,7 @@ def show_timing(times: "Timing", scheduling: str) -> None:
 
 
 def _overall(metrics: "Metrics") -> Table:
+    from bench.analysis.requirements import count_text
     from bench.analysis.step_times import median_and_p99
 
     formed = "not formed" if metrics.formation_time_s is None else f"{metrics.formation_time_s:.2f} s"
@@ -81,21 +82,29 @@ def _overall(metrics: "Metrics") -> Table:
         ("least distance", _figure(metrics.least_distance_m, "{:.2f} m")),
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
-        ("solver, median / p99", median_and_p99(metrics.solver_ms) or "-"),
-        ("tracker's step, median / p99", median_and_p99(metrics.tracker_ms) or "-"),
-        ("planner's step, median / p99", median_and_p99(metrics.planner_ms) or "-"),
+        ("fallback steps", count_text(metrics.fallback_steps)),
+        ("frames lost", count_text(metrics.frames_lost)),
+        ("E2E errors", count_text(metrics.e2e_errors)),
+    ]
+    of_machine = [
+        ("solver, median / p99", median_and_p99(metrics.solver_ms)),
+        ("tracker's step, median / p99", median_and_p99(metrics.tracker_ms)),
+        ("planner's step, median / p99", median_and_p99(metrics.planner_ms)),
         ("real-time factor", _figure(metrics.real_time_factor, "{:.2f}")),
-        ("fallback steps", str(metrics.fallback_steps)),
-        ("frames lost", str(metrics.frames_lost)),
-        ("E2E errors", str(metrics.e2e_errors)),
     ]
     table = Table(show_header=False)
     for row in rows:
+        table.add_row(*row)
+    table.add_section()
+    table.add_row("on this machine")
+    for row in of_machine:
         table.add_row(*row)
     return table
 
 
 def _vehicles(metrics: "Metrics") -> Table:
+    from bench.analysis.step_times import NOT_SENT
+
     table = Table()
     table.add_column("vehicle")
     for heading in ("final speed\nm/s", "lateral error\nm", "yaw\nrad", "speed RMSE\nm/s", "yaw rate RMSE\nrad/s"):
@@ -113,8 +122,8 @@ def _vehicles(metrics: "Metrics") -> Table:
             f"{speed:.3f}",
             f"{lateral:+.3f}",
             f"{yaw:+.4f}",
-            _figure(speed_rmse, "{:.4f}"),
-            _figure(yaw_rate_rmse, "{:.5f}"),
+            NOT_SENT if speed_rmse is None else f"{speed_rmse:.4f}",
+            NOT_SENT if yaw_rate_rmse is None else f"{yaw_rate_rmse:.5f}",
         )
     return table
 

@@ -33,7 +33,8 @@ class Ecu(Protocol):
         """Run this cycle and return the messages to send.
 
         Return every E2E-protected message of this ECU in every cycle: receivers miss one that is left out. Diagnostic
-        messages that are left out are sent with their start values.
+        messages may be left out: figures and metrics then show them as not sent. Signals left out of a message
+        have their start values.
 
         The result must depend only on the arguments and earlier steps: no clock, no I/O; only the values of wall-clock
         messages may come from a timer.

@@ -77,6 +77,8 @@ class EcuBase(ABC):
     def show(self, message: str, **signals: float) -> None:
         """Send signals of a diagnostic message in this cycle; signals not given have their start values.
 
+        A message that is not shown is not sent.
+
         Args:
             message: a message of this ECU without E2E protection, e.g. `TrackerDisturbance`.
             **signals: physical values in the DBC's units.

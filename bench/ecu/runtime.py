@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Self
 
 from bench.bus.codec import Codec
 from bench.bus.inbox import Inbox
@@ -21,6 +22,21 @@ INPUT_WAIT_S = 0.005
 
 class SentNaN(UserWarning):
     """An ECU's step has returned NaN values."""
+
+
+class _Due(NamedTuple):
+    """A message that an ECU sends by the DBC: identifier, period in cycles, whether it is protected."""
+
+    topic: Topic
+    can_id: int
+    period: int
+    protected: bool
+
+    @classmethod
+    def of(cls, topic: Topic, codec: Codec) -> Self:
+        """Return it as its bus's DBC has it."""
+        can_id = codec.can_id(topic.message)
+        return cls(topic, can_id, codec.period(topic.message), codec.is_protected(can_id))
 
 
 class EcuNode:
@@ -43,8 +59,8 @@ class EcuNode:
             ecu: the controller.
             links: its links to its buses.
             codecs: codec of every bus.
-            sends: messages it sends according to the DBC. Those without E2E protection (diagnostics) are sent with
-                their start values if a step does not return them, so that a simple ECU may leave them out.
+            sends: messages it sends according to the DBC. What a step does not return is not sent; in lockstep it is
+                announced as absent when it is due. An ECU may leave out diagnostics, but receivers miss protected ones.
             plan: the faults of the run.
             clock: time (s) for the wait for inputs.
 
@@ -54,9 +70,7 @@ class EcuNode:
         self.name = name
         self._ecu = ecu
         self._links = dict(links)
-        ids = {topic: codecs[topic.bus].can_id(topic.message) for topic in sends}
-        self._protected = {topic: can_id for topic, can_id in ids.items() if codecs[topic.bus].is_protected(can_id)}
-        self._diagnostics = [topic for topic in sends if topic not in self._protected]
+        self._due = [_Due.of(topic, codecs[topic.bus]) for topic in sends]
         self._codecs = codecs
         self._input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
         self._clock = clock
@@ -130,22 +144,20 @@ class EcuNode:
         for outgoing in self._ecu.step(cycle, time_of(cycle), inputs, self._inbox.health):
             sent.add((outgoing.bus, outgoing.message))
             self._outbox.put(outgoing.bus, outgoing.message, outgoing.values)
-        for topic in self._diagnostics:
-            if (topic.bus, topic.message) not in sent:
-                self._outbox.put(topic.bus, topic.message, {})
         self._outbox.send(cycle, lockstep=lockstep)
-        for topic, can_id in self._protected.items():
-            if (topic.bus, topic.message) not in sent:
-                self._keep_silent(topic, can_id, cycle, lockstep=lockstep)
+        for due in self._due:
+            if cycle % due.period == 0 and (due.topic.bus, due.topic.message) not in sent:
+                self._keep_silent(due, cycle, lockstep=lockstep)
         if self._not_numbers() > not_numbers:
             text = f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values"
             warnings.warn(text, SentNaN, stacklevel=2)
 
-    def _keep_silent(self, topic: Topic, can_id: int, cycle: int, *, lockstep: bool) -> None:
+    def _keep_silent(self, due: _Due, cycle: int, *, lockstep: bool) -> None:
         """Report a message as absent: in lockstep the others would wait for it."""
+        topic = due.topic
         if lockstep:
-            self._outbox.absent(topic.bus, can_id, cycle)
-        if topic not in self._silent:
+            self._outbox.absent(topic.bus, due.can_id, cycle)
+        if due.protected and topic not in self._silent:
             self._silent.add(topic)
             warnings.warn(f"{self.name}: in cycle {cycle} it does not send {topic.message}", stacklevel=2)
 

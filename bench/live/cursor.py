@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bench.cycle import CYCLE_NS
 from bench.live.tail import Chunk, Tail
 
 BEHIND_NS = 500_000_000
@@ -21,7 +22,7 @@ class Span(NamedTuple):
 
     Attributes:
         start_ns, end_ns: from the first, until before the second.
-        chunks: those that hold data of it.
+        chunks: those that hold data of it, or of the cycle before: that has the references of the first cycle.
     """
 
     start_ns: int
@@ -44,9 +45,10 @@ class Cursor:
     def next(self, tail: Tail) -> Span | None:
         """Return the span to deliver next; None if none is complete yet."""
         chunks = tail.chunks
-        while self._first < len(chunks) and chunks[self._first].end_ns < self.told_ns:
+        before = self.told_ns - CYCLE_NS
+        while self._first < len(chunks) and chunks[self._first].end_ns < before:
             self._first += 1
-        later = [chunk for chunk in chunks[self._first :] if chunk.end_ns >= self.told_ns]
+        later = [chunk for chunk in chunks[self._first :] if chunk.end_ns >= before]
         if not later:
             return None
         complete = max(tail.groups.complete_ns, tail.newest_ns - BEHIND_NS) - LAG_NS

@@ -473,6 +473,9 @@ class RunWriter:
             columns = names.index("TargetX"), names.index("TargetY")
             for frame in np.flatnonzero(channel == decoded).tolist():
                 first = int(np.searchsorted(signal_frame, frame))
+                if not value[first : first + len(names)].any():
+                    # Start values: the planner has no target yet, or does not say.
+                    continue
                 at = int(log_time[frame])
                 x, y = (float(value[first + column]) for column in columns)
                 plans.append((plan_channel, at, foxglove.plan(at, x, y)))

@@ -31,6 +31,8 @@ class Motions:
     mu: np.ndarray = field(init=False)
     # Values of messages that are not the start values: (vehicle, message) -> signal -> (n,).
     signals: dict = field(default_factory=dict)
+    # (vehicle, message) that are never sent.
+    silent: set = field(default_factory=set)
     # Time in s and event.
     events: list = field(default_factory=list)
 
@@ -76,6 +78,8 @@ def write(path, motions, result=None):
             bus = f"veh{vehicle}"
             codec = codecs[bus]
             for name in codec.names:
+                if (vehicle, name) in motions.silent:
+                    continue
                 own = motions.signals.get((vehicle, name), {})
                 values = codec.start_values(name) | {signal: value[cycle] for signal, value in own.items()}
                 writer.frame(bus, time_ns, *codec.encode(name, values, cycle), 0)

@@ -8,10 +8,11 @@ import pytest
 
 from bench.analysis.boundary import margin
 from bench.analysis.metrics import compute
+from bench.analysis.requirements import table
 from bench.errors import BadInput
 from bench.record import Run
 
-from .conftest import GAP, SPEED, Motions
+from .conftest import GAP, SPEED, Motions, write
 
 ISSUE_KEYS = {
     *("formation_time_s", "least_distance_m", "final_gaps_m", "final_speeds_mps", "final_lateral_errors_m"),
@@ -113,25 +114,66 @@ def test_the_margin_on_other_roads(run_of, mu, margin):
     assert compute(run_of(motions)).boundary_margin_min == pytest.approx(margin)
 
 
+def refer(motions, vehicle, speed, rate):
+    """Have a planner send what its vehicle is to do: a reference is for the cycle after the one it is sent in."""
+    told = {"VelocityX": np.roll(speed, -1), "YawRate": np.roll(rate, -1), "ReferenceState": np.ones(len(speed))}
+    motions.say(vehicle, "Reference", **told)
+
+
 def test_tracking_errors_are_against_the_reference_of_the_same_cycle(run_of):
     motions = Motions(2, 100)
     ramp = 20.0 + 0.01 * np.arange(100)
     motions.v_x[0] = ramp + 0.1
     motions.gamma[1] = 0.02
     for vehicle, speed, rate in ((1, ramp, 0.0), (2, np.full(100, 20.0), 0.05)):
-        motions.say(vehicle, "TrackerReferenceState", VelocityX=speed, YawRate=np.full(100, rate))
-        motions.say(vehicle, "TrackerStatus", State=np.ones(100))
+        refer(motions, vehicle, speed, np.full(100, rate))
+        # What the tracker makes of it does not matter: most trackers do not say.
+        motions.say(vehicle, "TrackerReferenceState", VelocityX=np.zeros(100))
     figures = compute(run_of(motions))
     assert figures.speed_rmse_mps == pytest.approx([0.1, 0.0], abs=1e-9)
     assert figures.yaw_rate_rmse_radps == pytest.approx([0.0, 0.03], abs=1e-9)
 
 
-def test_cycles_before_the_tracker_has_begun_have_no_reference(run_of):
+def test_only_cycles_with_a_reference_that_is_to_be_used_count(run_of):
     motions = Motions(1, 100)
     begun = np.arange(100) >= 30
-    motions.say(1, "TrackerReferenceState", VelocityX=np.where(begun, 19.0, 0.0))
-    motions.say(1, "TrackerStatus", State=begun * 1.0)
+    motions.say(1, "Reference", VelocityX=np.where(begun, 19.0, 0.0), ReferenceState=begun * 1.0)
     assert compute(run_of(motions)).speed_rmse_mps == pytest.approx([1.0])
+
+
+def test_without_a_reference_there_is_no_tracking_error(run_of):
+    motions = Motions(2, 100)
+    refer(motions, 2, np.full(100, 20.0), np.zeros(100))
+    run = run_of(motions)
+    figures = compute(run)
+    assert figures.speed_rmse_mps == [None, 0.0]
+    assert figures.yaw_rate_rmse_radps == [None, 0.0]
+    rows = {row.name: row for row in table(figures, run.scenario)}
+    assert rows["Speed error, RMS"].value == "not sent, 0.0000\u00a0m/s"
+
+
+def test_what_no_ecu_has_sent_is_none_and_neither_good_nor_bad(tmp_path):
+    """Of a tracker that runs, but says nothing of a solver, nor of its times, nor of its reception."""
+    motions = Motions(1, 50)
+    motions.say(1, "TrackerStatus", State=np.ones(50))
+    motions.silent = {(1, "TrackerTiming"), (1, "TrackerBusHealth"), (1, "PlannerTiming")}
+    run = Run(write(tmp_path / "run.mcap", motions))
+    figures = compute(run)
+    told = json.loads(json.dumps(figures.as_dict()))
+    names = ("solver_ms", "tracker_ms", "planner_ms", "fallback_steps", "frames_lost", "e2e_errors")
+    assert [told[name] for name in names] == [None] * 6
+    assert told["speed_rmse_mps"] == [None]
+    unsaid = [row for row in table(figures, run.scenario) if row.value == "not sent"]
+    assert len(unsaid) == 8
+    assert {row.met for row in unsaid} == {None}
+
+
+def test_what_is_known_to_be_lost_counts_even_if_others_say_nothing(tmp_path):
+    motions = Motions(1, 50)
+    motions.silent = {(1, "TrackerBusHealth")}
+    motions.say(1, "PlantBusHealth", FramesLost=np.full(50, 3))
+    figures = compute(Run(write(tmp_path / "run.mcap", motions)))
+    assert (figures.frames_lost, figures.e2e_errors) == (3, None)
 
 
 def test_a_run_of_one_cycle_is_complete(run_of):

@@ -118,8 +118,10 @@ def test_values_are_those_of_the_log(data, formation):
     truth = formation.truth(2)
     assert data["pool"]["t"] == pytest.approx(truth["t"], rel=1e-5)
     assert data["pool"]["2.gamma"] == pytest.approx(truth["gamma"], rel=1e-5, abs=1e-12)
-    reference = formation.message("veh2", "TrackerReferenceState")
-    assert data["pool"]["2.ref.VelocityX"] == pytest.approx(reference["VelocityX"], rel=1e-5)
+    reference = formation.message("veh2", "Reference")
+    # For the cycle after the one in which it was sent.
+    assert data["pool"]["2.ref.VelocityX"][0] is None
+    assert data["pool"]["2.ref.VelocityX"][1:] == pytest.approx(reference["VelocityX"][:-1], rel=1e-5)
 
 
 def test_the_boundary_is_drawn_from_the_papers_formula(data):
@@ -160,14 +162,81 @@ def test_what_a_log_says_cannot_break_out_of_the_page(run_of):
     assert ["host", run.metadata["host"]] in json.loads(parsed.scripts["data"])["facts"]
 
 
-def test_a_tracker_that_says_nothing_of_itself_is_not_drawn(run_of):
-    """One that leaves its diagnostics to their start values has no reference of 0 m/s and no estimate of 0."""
-    motions = Motions(2, 30)
+def drawn(run):
+    """The figures of a run by name, and what it says that it does not draw."""
+    found = json.loads(Page(render(run)).scripts["data"])
+    return {figure["id"]: figure for figure in found["figures"]}, found["not_sent"], found["pool"]
+
+
+SILENT = {
+    "disturbancex": "Disturbance estimate, longitudinal",
+    "disturbancey": "Disturbance estimate, lateral",
+    "disturbanceyaw": "Disturbance estimate, yaw",
+    "flockGa": "Potential: G_a (solid), G_b (dashed)",
+    "flockP11": "Position gains: p11 (solid), p12 (dashed)",
+    "flockP21": "Velocity gains: p21 (solid), p22 (dashed)",
+    "steering": "Steering angle command",
+    "torque1": "Wheel torque commands, vehicle 1",
+    "trackertimingsolvetime": "Tracker: solve time of the SDP",
+    "trackertimingsteptime": "Tracker: time of the complete step",
+    "plannertimingsteptime": "Planner: time of the complete step",
+    "iterations": "Iterations of the SDP",
+    "tau": "Cost bound τ",
+}
+
+
+@pytest.mark.parametrize("how", ["nothing", "start values"])
+def test_what_no_ecu_sends_is_not_drawn_and_that_is_said(run_of, how):
+    """Neither of an ECU that does not send, nor of one that sends start values, as external ones and old logs have."""
+    motions = Motions(1, 30)
     motions.say(1, "TrackerStatus", State=np.ones(30))
-    motions.say(1, "TrackerReferenceState", VelocityX=np.full(30, 20.0))
-    figures = {figure["id"]: figure for figure in json.loads(Page(render(run_of(motions))).scripts["data"])["figures"]}
+    if how == "nothing":
+        messages = ("Status", "Potential", "Gains", "Target", "Timing", "BusHealth", "Disturbance")
+        names = [f"{role}{name}" for role in ("Planner", "Tracker") for name in messages]
+        commands = ("Reference", "SteeringCommand", "TorqueCommandFront", "TorqueCommandRear")
+        motions.silent = {(1, name) for name in (*names, *commands)}
+    figures, not_sent, pool = drawn(run_of(motions))
+    assert not figures.keys() & SILENT.keys()
+    assert set(not_sent) == {*SILENT.values(), *(f"Reference in {figures[f]['title']} (vehicle 1)" for f in REFERRED)}
+    for figure in REFERRED:
+        assert [curve["dash"] for curve in figures[figure]["curves"]] == [False]
+        assert figures[figure]["caption"] == "No reference was sent: vehicle 1."
+    # The animation draws no slot at the origin of the road.
+    assert "1.target.X" not in pool
+
+
+REFERRED = ("fig9", "fig10")
+
+
+def test_of_what_some_send_only_that_is_drawn(run_of):
+    motions = Motions(2, 30)
+    say = np.full(30, 0.5)
+    motions.say(1, "Reference", VelocityX=20.0 + say, ReferenceState=np.ones(30))
+    motions.say(1, "TrackerDisturbance", DisturbanceX=say)
+    motions.say(1, "PlannerGains", P11=say)
+    # Status and times of a tracker whose solver ran in some cycles only.
+    ran = np.arange(30) % 3 == 0
+    motions.say(1, "TrackerStatus", State=np.ones(30), Iterations=9.0 * ran, Tau=4.0 * ran)
+    motions.say(1, "TrackerTiming", SolveTime=1000.0 * ran)
+    figures, not_sent, pool = drawn(run_of(motions))
     assert [curve["name"] for curve in figures["fig9"]["curves"]] == ["vehicle 1", "vehicle 2", "vehicle 1"]
-    assert [curve["name"] for curve in figures["disturbancex"]["curves"]] == ["vehicle 1"]
+    assert figures["fig9"]["caption"].endswith("No reference was sent: vehicle 2.")
+    for figure in ("disturbancex", "flockP11", "iterations", "tau", "trackertimingsolvetime"):
+        assert [curve["name"] for curve in figures[figure]["curves"]] == ["vehicle 1"]
+        assert figures[figure]["caption"].endswith("Not sent: vehicle 2.")
+        assert f"{figures[figure]['title']} (vehicle 2)" in not_sent
+    assert not figures.keys() & {"disturbancey", "disturbanceyaw", "flockGa", "flockP21", "trackertimingsteptime"}
+    for key in ("1.iterations", "1.tau", "1.TrackerTiming.SolveTime"):
+        assert [value is not None for value in pool[key]] == ran.tolist()
+
+
+def test_a_command_that_is_not_to_be_used_is_a_gap(run_of):
+    motions = Motions(1, 30)
+    valid = np.arange(30) < 20
+    motions.say(1, "SteeringCommand", SteeringAngle=0.1 * valid, CommandState=valid * 1.0)
+    _, _, pool = drawn(run_of(motions))
+    assert pool["1.command.delta"] == [pytest.approx(0.1)] * 20 + [None] * 10
+    assert pool["1.torque.FL"] == [0.0] * 20 + [None] * 10
 
 
 def test_what_is_told_now_and_then_holds_until_it_is_due_again(data, formation):

@@ -6,6 +6,7 @@ The browser's clock is stopped and moved on by hand, so that what is played depe
 import json
 import shutil
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page as Tab
 from playwright.sync_api import ViewportSize, sync_playwright
@@ -271,6 +272,33 @@ def test_a_key_hides_its_curves(open_page, report_page):
     tab.locator("#fig8 .key").first.click()
     assert tab.locator("#fig8 path.curve").count() == 2
     assert tab.locator("#fig8 .key").first.get_attribute("aria-pressed") == "false"
+
+
+def test_what_depends_on_the_machine_is_no_verdict_beside_what_does_not(open_page, run_of):
+    """Of a tracker that takes too long: apart from the rest, neither good nor bad, in one run and in two."""
+    motions = Motions(2, 100)
+    motions.say(1, "TrackerTiming", StepTime=np.full(100, 90_000.0), SolveTime=np.full(100, 80_000.0))
+    slow = run_of(motions)
+    for page in (render(slow), render_both(slow, slow)):
+        tab = open_page(page)
+        run, machine = tab.locator("#tables > table").all()
+        assert machine.locator("thead").inner_text().startswith("On this machine")
+        rows = machine.locator("tbody tr").all_inner_texts()
+        names = ["Solver, median / p99", "Tracker step, median / p99", "Planner step, median / p99", "Real-time factor"]
+        assert [row.split("\t")[0] for row in rows] == names
+        assert "○" in rows[1]
+        assert "not sent" in rows[2]
+        assert machine.locator(".bad, .good").count() == 0
+        assert run.locator(".good").count() > 5
+        assert tab.locator("#verdicts p.bad").count() == 0
+
+
+def test_what_was_not_sent_is_said(open_page, run_of):
+    tab = open_page(render(run_of(Motions(2, 100))))
+    said = tab.locator("#not-sent").inner_text()
+    assert "Reference in Fig. 9 Longitudinal speed (vehicles 1, 2)" in said
+    assert "Cost bound τ" in said
+    assert tab.locator("#tau").count() == 0
 
 
 def test_faults_and_modes_are_marked_and_listed(open_page, faulty):

@@ -85,11 +85,7 @@ def test_it_knows_the_data_ids_and_what_it_owes_the_bus(build: Path) -> None:
         if data_id:
             assert f"X(0x{can_id:03X}, {codec.message(name).length}, {data_id}, " in text
         elif name in own:
-            data = codec.encode(name, codec.start_values(name))[1]
-            entry = (
-                f"X(0x{can_id:03X}, {codec.period(name) * 10}, {len(data)}, {', '.join(f'0x{b:02X}' for b in data)})"
-            )
-            assert entry in text
+            assert f"X(0x{can_id:03X}, {codec.period(name) * 10})" in text
 
 
 def test_it_says_how_it_is_called(build: Path) -> None:

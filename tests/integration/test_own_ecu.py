@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.analysis.figures import Figures
 from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
 from bench.bus.link.opening import settle
@@ -86,6 +87,18 @@ def test_the_tracker_of_the_readme_forms_the_platoon_with_the_planner_of_the_pap
     assert figures.formation_time_s is not None
     assert figures.formation_time_s < 8.0
     assert set(state(recorded, "veh1")) == {EcuState.RUN}
+    # It follows what the planner sent, and says nothing of a solver that it does not have.
+    assert all(error is not None and error < 0.5 for error in figures.speed_rmse_mps)
+    assert all(error is not None and error < 0.05 for error in figures.yaw_rate_rmse_radps)
+    assert (figures.solver_ms, figures.fallback_steps) == (None, None)
+    sent = [message for message in recorded.messages("veh1") if message.startswith("Tracker")]
+    assert sent == ["TrackerStatus", "TrackerBusHealth", "TrackerTiming"]
+    found = Figures(recorded)
+    ids = {figure.id for figure in found.figures}
+    assert not ids & {"disturbancex", "disturbancey", "disturbanceyaw", "iterations", "tau", "histogram"}
+    assert "Cost bound τ" in found.not_sent
+    references = [found.pool[f"{v}.ref.VelocityX"] for v in (1, 2, 3)]
+    assert min(value for values in references for value in values if value is not None) > 10.0
 
 
 @pytest.mark.parametrize("early", [True, False], ids=["before the run", "after the run"])

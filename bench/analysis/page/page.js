@@ -3,6 +3,7 @@
 function showAll() {
   fillHeader();
   fillMetrics();
+  fillNotSent();
   fillEvents();
   fillFollow();
   makePlots(byId("figures"));

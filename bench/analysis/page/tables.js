@@ -28,37 +28,57 @@ function verdict(run) {
   return { text: `${parts.join("; ")}.`, good: run.formed && run.complete && !missed.length };
 }
 
+// Rows that depend on the machine have a true last value: they stand apart, and are no verdict on the run.
 function fillMetrics() {
   const parent = byId("tables");
   parent.replaceChildren();
   parent.hidden = !data.metrics.length;
-  const table = element(parent, "table");
-  if (data.other) return fillCompared(table);
-  heading(table, ["Metric", "Value", "Required", ""]);
+  const fill = data.other ? fillCompared : fillSingle;
+  const rows = data.other ? data.compared : data.metrics;
+  for (const [title, apart] of [["Metric", false], ["On this machine", true]]) {
+    const chosen = rows.filter((row) => Boolean(row.at(-1)) === apart);
+    if (chosen.length) fill(element(parent, "table"), title, chosen);
+  }
+}
+
+function fillSingle(table, title, rows) {
+  heading(table, [title, "Value", "Required", ""]);
   const body = element(table, "tbody");
-  for (const [name, value, asked, met] of data.metrics) {
+  for (const [name, value, asked, met, ofMachine] of rows) {
     const row = element(body, "tr");
     element(row, "th", { scope: "row" }, name);
     element(row, "td", {}, value);
     element(row, "td", { class: "asked" }, asked);
-    const cell = element(row, "td", { class: `verdict ${met === null ? "" : met ? "good" : "bad"}` });
-    if (met !== null) {
-      cell.append(met ? "✓" : "✗");
-      element(cell, "span", {}, met ? " met" : " missed");
-    }
+    const { look, mark, word } = markOf(met, ofMachine);
+    const cell = element(row, "td", { class: `verdict ${look}` }, mark);
+    if (word) element(cell, "span", {}, ` ${word}`);
   }
 }
 
-function fillCompared(table) {
+function markOf(met, ofMachine) {
+  if (met === null) return { look: "", mark: "", word: "" };
+  if (ofMachine) return { look: "neutral", mark: met ? "✓" : "○", word: met ? "within" : "slower" };
+  return met ? { look: "good", mark: "✓", word: "met" } : { look: "bad", mark: "✗", word: "missed" };
+}
+
+function fillNotSent() {
+  const parent = byId("not-sent");
+  const titles = (data.not_sent ?? []).map((title) => title.replace(/ +/g, " "));
+  parent.hidden = !titles.length;
+  parent.textContent = `Not drawn, because the ECUs did not send it or sent start values only: ${titles.join("; ")}.`;
+}
+
+function fillCompared(table, title, rows) {
   table.className = "compared";
-  heading(table, ["Metric", "A", "B", "B − A", "Required"]);
+  heading(table, [title, "A", "B", "B − A", "Required"]);
   const body = element(table, "tbody");
-  for (const [name, a, b, difference, askedA, askedB, metA, metB] of data.compared) {
+  for (const [name, a, b, difference, askedA, askedB, metA, metB, ofMachine] of rows) {
     const row = element(body, "tr");
     element(row, "th", { scope: "row" }, name);
     for (const [value, met] of [[a, metA], [b, metB]]) {
       const cell = element(row, "td", {}, value);
-      if (met !== null) element(cell, "span", { class: met ? "good" : "bad" }, met ? " ✓" : " ✗");
+      const { look, mark } = markOf(met, ofMachine);
+      if (mark) element(cell, "span", { class: look }, ` ${mark}`);
     }
     element(row, "td", {}, difference);
     element(row, "td", { class: "asked" }, askedA === askedB ? askedA : `${askedA || "–"} | ${askedB || "–"}`);

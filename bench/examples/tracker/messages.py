@@ -18,10 +18,8 @@ def attribute(message: Message, name: str) -> int:
 
 
 def owed(message: Message) -> str:
-    """Return a diagnostic message with its start values: identifier, cycle time (ms), length, bytes."""
-    start = {signal.name: signal.raw_initial or 0 for signal in message.signals}
-    data = message.encode(start, scaling=False)
-    return f"X(0x{message.frame_id:03X}, {message.cycle_time}, {len(data)}, {', '.join(f'0x{b:02X}' for b in data)})"
+    """Return a diagnostic message: identifier, cycle time (ms)."""
+    return f"X(0x{message.frame_id:03X}, {message.cycle_time})"
 
 
 def protected(message: Message) -> str:

@@ -98,15 +98,23 @@ static void send_bus_health(struct outgoing out, struct health health) {
     send_frame(out, VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID, data, VEHICLE_TRACKER_BUS_HEALTH_LENGTH);
 }
 
-/* In virtual time the others wait for every frame that is due, so diagnostics without content have start values. */
+/* In virtual time the others wait for every frame that is due, so one that will not be sent is announced. */
+static void announce_absent(struct outgoing out, uint32_t id) {
+    uint8_t data[CAN_MAX_DLEN];
+    struct vehicle_bench_absent_t absent;
+    vehicle_bench_absent_init(&absent);
+    absent.identifier = (uint16_t)id;
+    absent.cycle = out.cycle;
+    vehicle_bench_absent_pack(data, &absent, sizeof data);
+    send_protected(out, VEHICLE_BENCH_ABSENT_FRAME_ID, data, VEHICLE_BENCH_ABSENT_LENGTH);
+}
+
 void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health) {
     static const struct {
         uint32_t id;
         uint32_t cycle_ms;
-        uint8_t length;
-        uint8_t data[CAN_MAX_DLEN];
     } owed[] = {
-#define X(id, cycle_ms, length, ...) {id, cycle_ms, length, {__VA_ARGS__}},
+#define X(id, cycle_ms) {id, cycle_ms},
         DIAGNOSTICS(X)
 #undef X
     };
@@ -118,8 +126,8 @@ void send_diagnostics(struct outgoing out, enum ecu_state state, struct health h
             send_status(out, state);
         } else if (owed[i].id == VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID) {
             send_bus_health(out, health);
-        } else {
-            send_frame(out, owed[i].id, owed[i].data, owed[i].length);
+        } else if (!out.realtime) {
+            announce_absent(out, owed[i].id);
         }
     }
 }

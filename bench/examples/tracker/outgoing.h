@@ -2,6 +2,7 @@
 #ifndef OUTGOING_H
 #define OUTGOING_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "control.h"
@@ -29,10 +30,11 @@ struct health {
     enum reception motion, reference;
 };
 
-/* The socket, and the cycle whose number the alive counters contain. */
+/* The socket, the cycle whose number the alive counters contain, and whether the wall clock paces the cycles. */
 struct outgoing {
     int socket;
     uint32_t cycle;
+    bool realtime;
 };
 
 /* Prints the error (errno) to standard error and exits with code 1. */
@@ -50,7 +52,7 @@ void send_commands(struct outgoing out, struct command command, enum worth worth
 /* TrackerStatus alone. */
 void send_status(struct outgoing out, enum ecu_state state);
 
-/* All diagnostics that are due in this cycle. */
+/* The diagnostics that are due in this cycle; those without content are not sent. */
 void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health);
 
 #endif

@@ -8,7 +8,8 @@
  *   their alive counter, which is the cycle modulo 15; in real time (RunRealtime) for at most INPUT_WAIT_MS.
  * - BenchAbsent announces, in virtual time, a frame that will not arrive in this cycle. If it is one of the tracker's, the
  *   others have continued without it, and it skips the cycle.
- * - It answers with its three commands, whose counter is the cycle modulo 15, and with the diagnostics that are due.
+ * - It answers with its three commands, whose counter is the cycle modulo 15, and with the diagnostics that are due; in
+ *   virtual time it announces those that it does not send with BenchAbsent.
  * - It ends on BenchSync with Stop.
  */
 #include <errno.h>
@@ -152,7 +153,7 @@ static void step(struct tracker *tracker) {
         command = control(motion, tracker->reference);
         worth = state == STATE_RUN ? WORTH_VALID : WORTH_DEGRADED;
     }
-    struct outgoing out = {tracker->socket, tracker->cycle};
+    struct outgoing out = {tracker->socket, tracker->cycle, tracker->realtime};
     send_commands(out, command, worth);
     struct health health = {
         .errors = tracker->errors_at_sync,
