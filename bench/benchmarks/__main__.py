@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Callable, Iterator
 
-from rich.console import Console
+from rich.console import Console  # noqa: TID251 - prints figures of our own
 from rich.table import Table
 
 from bench.benchmarks import bus, fmu, live, loop, record

@@ -3,7 +3,6 @@
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
 
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.output import say_json
 from bench.errors import BadInput
 from platoon_fmu.errors import FmuError, UnknownPlatform
 
@@ -70,15 +70,14 @@ def _showing_steps() -> Iterator[Callable[["Step"], None]]:
     if not sys.stderr.isatty():
         yield lambda step: typer.echo(f"{step.text} ...", err=True)
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    from bench.cli.output import progress
 
     columns = (SpinnerColumn(), BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=None, visible=False)
-        yield lambda step: progress.update(
-            task, description=step.text, completed=step.done, total=step.total, visible=True
-        )
+    with progress(*columns, transient=True) as bars:
+        task = bars.add_task("", total=None, visible=False)
+        yield lambda step: bars.update(task, description=step.text, completed=step.done, total=step.total, visible=True)
 
 
 @fmu_app.command(epilog="Exit codes: 0 no problems, 1 problems found, 2 bad file.")
@@ -119,7 +118,7 @@ def info(
     except FmuError as error:
         raise BadInput(str(error)) from error
     if as_json:
-        typer.echo(json.dumps(asdict(found), indent=2))
+        say_json(asdict(found), indent=2)
         return
     from bench.cli.fmu_table import show_info
 

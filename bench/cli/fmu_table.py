@@ -1,13 +1,14 @@
 """Formats an FMU's description and the findings about it for a terminal or a file."""
 
-import io
 from collections.abc import Callable, Iterable, Sequence
 
+import typer
 from rich.cells import cell_len
-from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.console import ConsoleOptions, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from bench.cli.output import Terminal, one_line, shown
 from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.info import CAUSALITIES, VARIABILITIES, FmuInfo, Value, VariableInfo
 
@@ -49,33 +50,32 @@ def show_check(check: Check) -> None:
     line.add_column(width=_WIDEST_NAME + 1)
     line.add_column()
     kind = _KINDS.get(check.kind, check.kind)
-    line.add_row(Text(check.outcome, style=_STYLES[check.outcome]), kind, check.name, Text(check.text))
+    line.add_row(Text(check.outcome, style=_STYLES[check.outcome]), kind, check.name, Text(shown(check.text)))
     _show(line)
 
 
 def _show(content: RenderableType) -> None:
-    console = Console(highlight=False)
+    console = Terminal()
     if console.is_terminal:
         # If no column can shrink further, the terminal wraps the line; nothing is cut.
         width = max(console.width, console.measure(content, options=_unlimited(console)).minimum)
         console.print(content, width=width, crop=False)
         return
-    plain = Console(file=io.StringIO(), width=_NO_WIDTH, highlight=False, color_system=None)
+    plain = Terminal(width=_NO_WIDTH)
     with plain.capture() as capture:
         plain.print(content)
-    for line in capture.get().splitlines():
-        console.file.write(line.rstrip() + "\n")
-    console.file.flush()
+    for line in capture.get().split("\n")[:-1]:
+        typer.echo(line.rstrip())
 
 
-def _unlimited(console: Console) -> ConsoleOptions:
+def _unlimited(console: Terminal) -> ConsoleOptions:
     return console.options.update(max_width=_NO_WIDTH)
 
 
 def _title(info: FmuInfo) -> Text:
     kinds = " and ".join(info.interface_types)
-    title = Text(f"{info.model_name}, FMI {info.fmi_version}, {kinds}", style="bold")
-    return title.append(f"\n{info.description}", style="not bold") if info.description else title
+    title = Text(shown(f"{info.model_name}, FMI {info.fmi_version}, {kinds}"), style="bold")
+    return title.append(f"\n{shown(info.description)}", style="not bold") if info.description else title
 
 
 def _head(info: FmuInfo) -> Table:
@@ -83,7 +83,7 @@ def _head(info: FmuInfo) -> Table:
     table.add_column(no_wrap=True)
     table.add_column(min_width=_LONGEST_FLAG)
     for subject, text in _facts(info):
-        table.add_row(subject, Text(text))
+        table.add_row(subject, text)
     return table
 
 
@@ -128,12 +128,12 @@ def _variables(variables: Sequence[VariableInfo]) -> Table:
     columns = [(heading, cell) for heading, cell in _COLUMNS if any(cell(v) for v in variables)]
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading, cell in (("name", lambda v: v.name), (unit, _type_and_unit), *columns):
-        width = max(cell_len(text) for text in (heading, *map(cell, variables)))
+        width = max(cell_len(one_line(text)) for text in (heading, *map(cell, variables)))
         table.add_column(heading, justify="right" if (heading, cell) in columns else "left", min_width=width)
     table.add_column("description", min_width=_LEAST_WIDTH)
     for v in variables:
         cells = [v.name, _type_and_unit(v), *(cell(v) for _, cell in columns), " ".join((v.description or "").split())]
-        table.add_row(*map(Text, cells))
+        table.add_row(*map(one_line, cells))
     return table
 
 

@@ -3,7 +3,6 @@
 What a command needs is imported inside it, so that help does not wait for the rest.
 """
 
-import json
 import sys
 from enum import StrEnum
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.output import one_line, say_json, say_table, shown
 from bench.errors import BadInput
 from bench.files import readable_log
 
@@ -59,7 +59,7 @@ def info(
 
     found = overview(Run(readable_log(log)))
     if as_json:
-        typer.echo(json.dumps(asdict(found), indent=1, ensure_ascii=False))
+        say_json(asdict(found), indent=1)
         return
     is_empty = found.start_s is None or found.end_s is None
     rows = [
@@ -71,14 +71,18 @@ def info(
         ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
         ("events", ", ".join(f"{count} {level}" for level, count in found.events.items()) or "none"),
         *((f"causes {ecu}", ", ".join(map(_noticed, causes))) for ecu, causes in found.causes.items()),
-        ("attachments", ", ".join(f"{name} ({size} bytes)" for name, size in found.attachments.items()) or "none"),
+        (
+            "attachments",
+            ", ".join(f"{one_line(name)} ({size} bytes)" for name, size in found.attachments.items()) or "none",
+        ),
         ("damage", found.damage or "none found"),
     ]
     if found.recovered:
         rows.append(("recovered", f"from {found.recovered.source}"))
         rows.extend(("lost", what) for what in found.recovered.lost)
-    width = max(len(title) for title, _ in rows)
-    for title, text in rows:
+    lines = [(one_line(title), shown(text)) for title, text in rows]
+    width = max(len(title) for title, _ in lines)
+    for title, text in lines:
         # Multi-line values, such as a command line, stay in their column.
         typer.echo(f"{title:{width}}  " + text.replace("\n", "\n" + " " * (width + 2)))
 
@@ -101,10 +105,7 @@ def signals(
     # Numbers are right-aligned, text is left-aligned.
     texts = [[name, *map(_cell, found[name])] for name in found.columns]
     signs = ["<" if name in ("name", "unit") else ">" for name in found.columns]
-    widths = [max(map(len, column)) for column in texts]
-    for row in zip(*texts, strict=True):
-        cells = (f"{text:{sign}{width}}" for text, sign, width in zip(row, signs, widths, strict=True))
-        typer.echo("  ".join(cells).rstrip())
+    say_table(zip(*texts, strict=True), "".join(signs))
 
 
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
@@ -242,7 +243,7 @@ def layout(
     from bench.record.reader import Run
 
     vehicles = 3 if log is None else Run(readable_log(log)).vehicles
-    typer.echo(json.dumps(made_for(vehicles), indent=1))
+    say_json(made_for(vehicles), indent=1)
 
 
 def _export_format(out: Path | None) -> ExportName:

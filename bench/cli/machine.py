@@ -3,8 +3,10 @@
 from typing import Annotated
 
 import typer
+from rich.text import Text
 
 from bench.cli.options import LOGS
+from bench.cli.output import Terminal, shown
 
 
 def add_machine(app: typer.Typer) -> None:
@@ -35,10 +37,10 @@ def doctor() -> None:
     """Report what this machine can do and how to install what is missing. Exit code 1 if no run would work."""
     from bench.cli.doctor import examine
 
-    can_run = True
+    terminal, can_run = Terminal(), True
     for finding in examine(LOGS):
-        mark = typer.style("ok     ", fg="green") if finding.fine else typer.style("missing", fg="yellow")
-        typer.echo(f"{mark}  {finding.subject:14}  {finding.found}")
+        mark = Text("ok     ", "green") if finding.fine else Text("missing", "yellow")
+        terminal.print(mark.append(shown(f"  {finding.subject:14}  {finding.found}"), "default"), soft_wrap=True)
         if not finding.fine:
             for line in finding.mend.splitlines():
                 typer.echo(f"{'':25}> {line.strip()}")

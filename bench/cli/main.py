@@ -15,6 +15,7 @@ from bench.cli.fmu import fmu_app
 from bench.cli.log import log_app
 from bench.cli.machine import add_machine
 from bench.cli.options import EXIT_CODES
+from bench.cli.output import GuardedGroup, guard
 from bench.cli.replay import add_replay
 from bench.cli.resim import add_resim
 from bench.cli.results import add_results
@@ -25,11 +26,14 @@ from platoon_fmu.interpreter import search_path
 
 app = typer.Typer(
     name="platoon",
+    cls=GuardedGroup,
     help="A bench for cooperative vehicle control: a vehicle FMU, ECUs on CAN, MCAP logs.",
     epilog=EXIT_CODES,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
+    # Colours in foreign text are shown as escapes in a file as on a terminal, not left out.
+    context_settings={"color": True},
 )
 add_run(app)
 add_results(app)
@@ -65,14 +69,16 @@ def main() -> None:
     # Before numpy is loaded: on matrices of three rows threads only slow it down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
+    # Not undone: the interpreter itself prints the traceback of what nobody expected.
+    guard()
     try:
         app()
     except (BenchError, FmuError) as error:
-        typer.echo(f"platoon: {error}", err=True)
+        typer.echo(f"platoon: {error}", err=True, color=True)
         sys.exit(error.exit_code if isinstance(error, BenchError) else 1)
     except OSError as error:
         # Of all that can be wrong with a file name, only its length makes the check for its existence fail.
         if error.errno != errno.ENAMETOOLONG:
             raise
-        typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True)
+        typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True, color=True)
         sys.exit(BadInput.exit_code)

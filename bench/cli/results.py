@@ -1,12 +1,12 @@
 """The results of a run, from its log: `platoon metrics`, `report`, `diff`, `live`."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bench.cli.options import Log, report_path
+from bench.cli.output import say_json
 from bench.files import check_report, readable_log
 
 
@@ -27,7 +27,7 @@ def metrics(
 
     figures = compute(Run(readable_log(log)))
     if as_json:
-        typer.echo(json.dumps(figures.as_dict(), indent=2))
+        say_json(figures.as_dict(), indent=2)
         return
     from bench.cli.summary import show_metrics
 

@@ -4,9 +4,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
+
+from bench.cli.output import Terminal, progress
 
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
     from bench.analysis.metrics import Metrics
@@ -19,7 +20,7 @@ PLAIN_STEPS = 10
 @contextmanager
 def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]:
     """Show the progress of a run on standard error; yield a function that takes the simulated time (s)."""
-    console = Console(stderr=True)
+    console = Terminal(stderr=True)
     if not console.is_terminal:
         yield _plain(console, name, duration_s)
         return
@@ -30,12 +31,12 @@ def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]
         TextColumn("{task.completed:.1f} of {task.total:g} s simulated"),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task(name, total=duration_s)
-        yield lambda time_s: progress.update(task, completed=min(time_s, duration_s))
+    with progress(*columns) as bars:
+        task = bars.add_task(name, total=duration_s)
+        yield lambda time_s: bars.update(task, completed=min(time_s, duration_s))
 
 
-def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], None]:
+def _plain(console: Terminal, name: str, duration_s: float) -> Callable[[float], None]:
     told = 0
 
     def tell(time_s: float) -> None:
@@ -43,14 +44,14 @@ def _plain(console: Console, name: str, duration_s: float) -> Callable[[float], 
         step = int(PLAIN_STEPS * time_s / duration_s + 1e-9)
         if step > told:
             told = step
-            console.print(f"{name}: {min(time_s, duration_s):.1f} of {duration_s:g} s simulated", highlight=False)
+            console.print(f"{name}: {min(time_s, duration_s):.1f} of {duration_s:g} s simulated")
 
     return tell
 
 
 def show_metrics(metrics: "Metrics") -> None:
     """Print the metrics of a run on standard output."""
-    console = Console()
+    console = Terminal()
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
     if not metrics.complete:
@@ -67,9 +68,9 @@ def show_timing(times: "Timing", scheduling: str) -> None:
         values = (*(node.response(percentile) for percentile in (50.0, 99.0, 100.0)), node.jitter_ms)
         figures = (_figure(value, "{:.2f}") for value in values)
         table.add_row(node.name, *figures, f"{node.misses} of {node.cycles}", str(node.longest_miss))
-    console = Console()
+    console = Terminal()
     console.print(table)
-    console.print(f"BenchSync was at most {times.clock_late_ms.max():.2f} ms late. {scheduling}", highlight=False)
+    console.print(f"BenchSync was at most {times.clock_late_ms.max():.2f} ms late. {scheduling}")
 
 
 def _overall(metrics: "Metrics") -> Table:

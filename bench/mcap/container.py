@@ -103,7 +103,7 @@ class McapFile:
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write one metadata record."""
         offset = self._position
-        self._record(Metadata(name=name, metadata=dict(values)))
+        self._record(Metadata(name=name, metadata={storable(key): storable(text) for key, text in values.items()}))
         self._metadata.append(MetadataIndex(offset=offset, length=self._position - offset, name=name))
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
@@ -235,6 +235,11 @@ class McapFile:
         self._stream.write(data)
         self._stream.flush()
         self._position += len(data)
+
+
+def storable(text: str) -> str:
+    r"""Return `text` as UTF-8 can hold it: of file names and exceptions, what is no character as an escape (\udc9b)."""
+    return text.encode(errors="backslashreplace").decode()
 
 
 def media_type(name: str) -> str:

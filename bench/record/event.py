@@ -13,6 +13,7 @@ from typing import Any
 from google.protobuf import descriptor_pb2
 
 from bench import events
+from bench.mcap.container import storable
 from bench.record import foxglove
 from bench.record.layout import message_class
 from bench.record.old_events import kind_and_fields
@@ -72,7 +73,7 @@ def encoded(event: events.Event) -> bytes:
     """
     fields = json.dumps(event.fields, ensure_ascii=False, allow_nan=False)
     values = {"kind": event.kind, "level": event.level, "source": event.source, "text": event.text, "fields": fields}
-    return _Message(**values).SerializeToString()
+    return _Message(**{key: storable(text) for key, text in values.items()}).SerializeToString()
 
 
 def read(time_s: float, message: Any) -> Event:

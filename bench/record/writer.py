@@ -35,7 +35,7 @@ from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.events import Event
 from bench.mcap.chunking import ChunkGroups, Records
-from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type
+from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type, storable
 from bench.mcap.gathering import scatter
 from bench.record import can_frame, dbc_files, foxglove, process_usage
 from bench.record import event as event_record
@@ -198,7 +198,9 @@ class RunWriter:
         if event.level not in foxglove.LEVELS:
             raise ValueError(f"event level {event.level!r}: allowed are {', '.join(foxglove.LEVELS)}")
         data = event_record.encoded(event)
-        self._other(self._event_channel, time_ns, foxglove.log(time_ns, event.level, event.source, event.text))
+        self._other(
+            self._event_channel, time_ns, foxglove.log(time_ns, event.level, event.source, storable(event.text))
+        )
         self._other(self._event_data_channel, time_ns, data)
 
     def process(self, name: str, time_ns: int, usage: ProcessUsage) -> None:

@@ -6,10 +6,11 @@ import json
 import os
 import signal
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from platoon_fmu.archive import one_line
 from platoon_fmu.checks.findings import Check, Outcome
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 #: Time after which a dynamic check counts as hung [s].
 TIMEOUT_S = 60.0
+
+_LAST_WORDS_BYTES = 4096
 
 
 def validate(fmu: Path, timeout_s: float = TIMEOUT_S) -> Iterator[Check]:
@@ -80,16 +83,21 @@ def _dynamic_checks(fmu: Path, folder: Path, timeout_s: float) -> Iterator[Itera
         FmuError: a binary cannot be loaded.
     """
     # In a new session, so that all its child processes can be ended with it.
-    with python(
-        "platoon_fmu.checks.check_process",
-        str(folder),
-        str(timeout_s),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        start_new_session=True,
-    ) as process:
+    with (
+        tempfile.TemporaryFile() as words,
+        python(
+            "platoon_fmu.checks.check_process",
+            str(folder),
+            str(timeout_s),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            # Not the terminal: what the FMU's libraries write there could control it.
+            stderr=words,
+            start_new_session=True,
+        ) as process,
+    ):
         try:
-            answers = _answers(process)
+            answers = _answers(process, words)
             unloadable = next(answers)["unloadable"]
             if unloadable:
                 raise FmuError(f"{fmu}: {one_line(unloadable).replace(f'{folder}/', '')}")
@@ -106,7 +114,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
             process.kill()
 
 
-def _answers(process: subprocess.Popen[bytes]) -> Iterator[dict[str, str]]:
+def _answers(process: subprocess.Popen[bytes], words: IO[bytes]) -> Iterator[dict[str, str]]:
     """Yield the output of a process line by line until it ends.
 
     Raises:
@@ -115,4 +123,7 @@ def _answers(process: subprocess.Popen[bytes]) -> Iterator[dict[str, str]]:
     for line in process.stdout or ():
         yield json.loads(line)
     if process.wait():
-        raise FmuError(f"the process that checks the FMU ended with status {process.returncode}")
+        words.seek(max(0, words.seek(0, os.SEEK_END) - _LAST_WORDS_BYTES))
+        said = words.read().decode(errors="replace").strip().splitlines()
+        last = f": {said[-1]}" if said else ""
+        raise FmuError(f"the process that checks the FMU ended with status {process.returncode}{last}")

@@ -18,9 +18,11 @@ from mcap.reader import make_reader
 from bench.bus.codec import DBC_DIR, DecodeError
 from bench.cycle import CYCLE_NS
 from bench.errors import RunFailed
+from bench.events import RunEnded
 from bench.record import Run
 from bench.record.event import Event
 from bench.record.process_usage import ProcessUsage
+from bench.record.writer import RunWriter
 
 from .conftest import TRUTH_NAMES, open_writer, same_double
 
@@ -150,6 +152,21 @@ def test_events_metadata_and_attachments(recorded, messages):
         "result": {"status": "completed", "cycles": "40"},
     }
     assert attachments["vehicle.dbc"] == (DBC_DIR / "vehicle.dbc").read_bytes()
+
+
+def test_text_that_is_not_unicode_is_stored_as_an_escape(tmp_path):
+    # As of a file name that is not UTF-8, in an exception or on the command line.
+    metadata = {"command": "a\udc9b"}
+    with RunWriter(
+        tmp_path / "run.mcap", codecs={}, truth_names=[], vehicles=1, metadata=metadata, attachments={}
+    ) as writer:
+        writer.event(0, RunEnded("failed", "why\ud800"))
+        writer.close({"reason": "why\ud800"})
+    run = Run(tmp_path / "run.mcap")
+    assert (run.metadata["command"], run.metadata["reason"]) == ("a\\udc9b", "why\\ud800")
+    (event,) = run.events
+    assert event.text.endswith("why\\ud800")
+    assert event.fields["reason"] == "why\ud800"
 
 
 def test_the_summary_counts_what_is_there(recorded, messages):
