@@ -21,3 +21,7 @@ class BadInput(BenchError):
     """Invalid input; nothing was started or written."""
 
     exit_code = 2
+
+
+class EcuError(RunFailed):
+    """An ECU's own code failed, or its step returned something that cannot be sent."""

@@ -7,7 +7,7 @@ from bench.bus.node import Node
 from bench.bus.topic import Topic
 from bench.conductor.crew import Ended, Listener
 from bench.conductor.interrupts import Interrupts
-from bench.errors import BenchError
+from bench.errors import BenchError, EcuError
 
 Inputs = tuple[Topic, ...]
 Maker = Callable[[str], tuple[Node, Inputs]]
@@ -108,6 +108,8 @@ class DirectCrew:
     def _poll(self, node: Node) -> bool:
         try:
             return node.poll()
+        except EcuError as error:
+            raise Ended(str(error), [node.name]) from error
         except BenchError:
             raise
         except Exception as error:

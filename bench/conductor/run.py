@@ -25,7 +25,7 @@ from bench.conductor.lockstep import Lockstep
 from bench.conductor.options import RunOptions
 from bench.conductor.realtime import Realtime
 from bench.conductor.stage import Stage
-from bench.ecu.loading import DEFAULT_ECUS, load_class
+from bench.conductor.trial import try_ecus
 from bench.errors import BadInput, RunFailed
 from bench.events import RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
@@ -149,7 +149,7 @@ def _checked(options: RunOptions) -> tuple[list[EcuSlot], Path]:
     fmu = options.fmu or _built_fmu()
     free = free_slots(options.without, options.vehicles, options.address)
     refuse_outages(options.scenario.faults, options.without)
-    _check_ecus(options.ecus)
+    _check_ecus(options)
     if options.realtime and options.address.hub is not None:
         raise BadInput(
             "--clock realtime: --can direct runs everything in one process; use --can udp, vcan, IFACE:CHANNEL"
@@ -273,16 +273,15 @@ def _close_log(started: _Started, ending: _Ending) -> None:
     )
 
 
-def _check_ecus(ecus: Mapping[str, str]) -> None:
-    """Check that the ECUs can be loaded.
+def _check_ecus(options: RunOptions) -> None:
+    """Check that the ECUs can be loaded and created.
 
     Raises:
-        BadInput: see `load_class`.
+        BadInput: see `try_ecus`. In one process, ECUs are created before anything is written anyway.
     """
-    for role, spec in ecus.items():
-        # Built-in ECUs are not loaded here: that would import modules that the conductor does not need.
-        if spec != DEFAULT_ECUS.get(role):
-            load_class(spec)
+    if options.address.hub is None:
+        slots = (EcuSlot(role, vehicle) for role in options.ecus for vehicle in range(1, options.vehicles + 1))
+        try_ecus(options.ecus, [slot for slot in slots if slot.name not in options.without], options.scenario)
 
 
 def _built_fmu() -> Path:

@@ -10,6 +10,7 @@ from bench.bus.reception import ReceptionState
 from bench.bus.states import EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
+from bench.ecu.words import fits, misfit
 from bench.names import V2V
 
 
@@ -58,6 +59,8 @@ class PlannerBase(EcuBase):
         else:
             pose, moving = Pose.read(position, attitude), Motion.read(motion)
             self._reference = self.plan(pose, moving, peers)
+            if not fits(self._reference, Reference):
+                raise misfit(self.plan, self._reference, Reference)
             told = self._outgoing(_as_peer(pose, moving).messages(self.vehicle), V2V)
         if self.cycle == 0 and told:
             # No broadcast can have arrived yet.

@@ -9,6 +9,7 @@ from bench.bus.states import CommandState, EcuState, ReferenceState
 from bench.bus.topic import Outgoing, Topic
 from bench.ecu.ecu_base import EcuBase
 from bench.ecu.limits import timeout_cycles
+from bench.ecu.words import fits, misfit
 
 
 class TrackerBase(EcuBase):
@@ -45,6 +46,8 @@ class TrackerBase(EcuBase):
         command, validity = Command(), CommandState.NONE
         if motion is not None and self._reference is not None and state is not EcuState.SAFE:
             command = self.control(Motion.read(motion), self._reference)
+            if not fits(command, Command):
+                raise misfit(self.control, command, Command)
             validity = CommandState.VALID if state is EcuState.RUN else CommandState.DEGRADED
         return self._outgoing(command.messages(validity)), state
 

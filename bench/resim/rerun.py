@@ -23,6 +23,7 @@ from bench.conductor.interrupts import Interrupts
 from bench.conductor.outages import Outages
 from bench.conductor.realtime import SETTLE_CYCLES
 from bench.cycle import time_of
+from bench.ecu.checks import created
 from bench.ecu.loading import load_class
 from bench.ecu.runtime import EcuNode
 from bench.faults.base import Fault
@@ -71,7 +72,7 @@ class Rerun:
             BadInput: the class cannot be loaded or takes what is not on its buses.
         """
         self._log = log
-        self._class = load_class(spec)
+        self._spec = spec
         self._scenario = scenario
         self._limit = limit
         self._plan = FaultPlan(faults, scenario.seed)
@@ -131,7 +132,7 @@ class Rerun:
         slot, codecs = self._log.slot, self._log.codecs
         self._fresh = True
         with self._limit.making():
-            ecu = self._class(slot.vehicle, self._scenario)
+            ecu = created(load_class(self._spec, slot.role), self._spec, slot, self._scenario, codecs)
         witness = Witness(ecu, self._limit)
         self._witnesses.append(witness)
         links = {bus: DirectLink(bus, self._hub) for bus in codecs}

@@ -33,6 +33,9 @@ SIMPLE = {
 OWN = {"planner": f"{EXAMPLES}/follow.py:Follow", "tracker": f"{EXAMPLES}/single_track.py:SingleTrack"}
 SINGLE_TRACK = {"planner": SIMPLE["planner"], "tracker": f"{EXAMPLES}/single_track.py:SingleTrack"}
 PLATOON = [sys.executable, "-m", "bench.cli"]
+PLATOON_HERE = [sys.executable, "-P", "-c", "from bench.cli.main import main; main()"]
+"""As the installed command: it imports nothing from the working directory."""
+
 GUARD_S = 120.0
 
 Start = Callable[..., subprocess.Popen[str]]
@@ -43,9 +46,9 @@ def begin() -> Iterator[Start]:
     """Start a command, and see to its end."""
     started: list[subprocess.Popen[str]] = []
 
-    def start(*command: str) -> subprocess.Popen[str]:
+    def start(*command: str, cwd: Path = ROOT) -> subprocess.Popen[str]:
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-        started.append(subprocess.Popen(command, cwd=ROOT, text=True, **pipes))
+        started.append(subprocess.Popen(command, cwd=cwd, text=True, **pipes))
         return started[-1]
 
     yield start
@@ -145,6 +148,87 @@ def test_an_interrupt_ends_the_waiting(start: Callable[..., object]) -> None:
     assert code == 1
     assert "interrupted by SIGINT" in errors
     run.assert_all_gone()
+
+
+HELPED = """
+import sys
+from bench.ecu import Command, Reference, TrackerBase, PlannerBase
+import helper
+class Tracker(TrackerBase):
+    def control(self, motion, reference):
+        from later import evenly
+        return Command.evenly(evenly(reference.v_x - motion.v_x))
+class Planner(PlannerBase):
+    def plan(self, pose, motion, peers):
+        from later import speed
+        return Reference(speed)
+"""
+
+
+def test_ecus_in_more_than_one_file_run_on_every_bus(begin: Start, tmp_path: Path) -> None:
+    """Each in its own folder, with helpers of the same name, beside files that nobody may import."""
+    for folder, later in {"a": "def evenly(error): return 500.0 * error", "b": "speed = 21.0"}.items():
+        (tmp_path / folder).mkdir()
+        files = {"mine": HELPED, "helper": "from . import later", "later": later}
+        for taken in ("bench", "platoon_fmu", "select", "json", "numpy", "can"):
+            files[taken] = "raise SystemError('imported')"
+        for name, text in files.items():
+            (tmp_path / folder / f"{name}.py").write_text(text)
+    classes = {"tracker": f"{tmp_path}/a/mine.py:Tracker", "planner": f"{tmp_path}/b/mine.py:Planner"}
+    settings = ["run", "formation", "--set", "duration_s=0.3", "--no-report"]
+    settings += [f"--ecu={role}={spec}" for role, spec in classes.items()]
+    hand = ["ecu", "tracker", "--vehicle", "2", "--can", f"udp:{ports()}", "--class", classes["tracker"]]
+    by_hand = [f"--can=udp:{ports()}", "--without=veh2.tracker"]
+    logs = []
+    for number, more in enumerate((["--can=direct"], ["--can=udp"], by_hand)):
+        ecu = begin(*PLATOON_HERE, *hand, cwd=tmp_path / "a") if more == by_hand else None
+        logs.append(tmp_path / f"{number}.mcap")
+        # The folder of the ECU is the working directory: nothing else may import from there.
+        run = begin(*PLATOON_HERE, *settings, *more, "--out", str(logs[-1]), cwd=tmp_path / "a")
+        output, errors = run.communicate(timeout=GUARD_S)
+        assert "did not form a platoon in 0.3 s" in errors, errors + output
+        if ecu is not None:
+            assert ecu.communicate(timeout=GUARD_S)[1].startswith("veh2.tracker listens on")
+            assert ecu.returncode == 0
+    for other in logs[1:]:
+        assert diff(logs[0], other).same
+    assert Run(logs[0]).signal("veh2", "Reference", "VelocityX")[1][5] == pytest.approx(21.0)
+    again = begin(*PLATOON_HERE, "resim", str(logs[1]), "--all", *(f"--class={r}={s}" for r, s in classes.items()))
+    assert again.communicate(timeout=GUARD_S)[0].count("byte for byte") == 6
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("from bench.ecu.planner import PlannerEcu as Mine", "the class PlannerEcu is a planner, not a tracker"),
+        ("import os, signal\nos.kill(os.getpid(), signal.SIGKILL)", "its process was killed by SIGKILL"),
+        ("import os\nos._exit(0)", "its process ended with exit code 0"),
+        ("class Mine:\n def __init__(s, v, t): s.name, s.inputs = 'x', ()\n def step(s): ...", "but it takes ()"),
+    ],
+)
+def test_an_ecu_that_cannot_be_is_refused_before_anything_is_written(
+    begin: Start, tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "my_ecu.py").write_text(f"print('printed')\n{text}\n")
+    run = begin(*PLATOON_HERE, "run", "formation", "--ecu", "tracker=my_ecu.py:Mine", "--out", "o.mcap", cwd=tmp_path)
+    output, errors = run.communicate(timeout=GUARD_S)
+    assert (run.returncode, output) == (2, "")
+    assert "printed\n" in errors
+    assert message in errors
+    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["my_ecu.py"]
+
+
+@pytest.mark.parametrize("can", ["udp", "direct"])
+def test_an_ecu_whose_step_is_wrong_ends_the_run_with_its_place(begin: Start, tmp_path: Path, can: str) -> None:
+    (tmp_path / "my_ecu.py").write_text(
+        "from bench.ecu import *\nclass Mine(TrackerBase):\n def control(self, motion, reference): return 1, 2\n"
+    )
+    run = begin(*PLATOON_HERE, "run", "--can", can, "--ecu=tracker=my_ecu.py:Mine", "--out", "o.mcap", cwd=tmp_path)
+    _, errors = run.communicate(timeout=GUARD_S)
+    assert run.returncode == 1
+    assert "Mine.control returned a tuple; allowed: Command(steering_angle, torque_fl, " in errors
+    assert f"({tmp_path}/my_ecu.py, line 3)" in errors
+    assert "Traceback" not in errors
 
 
 def vcan_problem() -> str:
