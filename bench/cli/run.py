@@ -196,9 +196,12 @@ def fault(
             metavar="[KEY=VALUE]...", help="Target and settings, as in a scenario: ecu=veh2.tracker, for_s=1.0."
         ),
     ] = None,
-    run: Annotated[str | None, typer.Option(help="Part of the bench's name, if several are running.")] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(help="Process number of the bench, or part of its log; the bench started here if not given."),
+    ] = None,
 ) -> None:
-    """Inject a fault into a running bench.
+    """Inject a fault into the bench that was started in this directory, or into the one that --run names.
 
     For example: platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
     """
@@ -209,7 +212,7 @@ def fault(
         typer.echo(describe_kinds(), nl=False)
         return
     answer = ask(run, parse(kind, keys or []))
-    typer.echo(f"{kind} at {answer['at_s']:g} s")
+    typer.echo(f"{kind} at {answer['at_s']:g} s in {answer['log']}")
 
 
 def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession]":

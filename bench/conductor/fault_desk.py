@@ -1,21 +1,30 @@
-"""The faults of a running bench: those of its scenario, and those that `platoon fault` injects.
+"""The faults of a running bench: those of its scenario, and those that `platoon fault` injects."""
 
-A bench listens on an abstract Unix socket (unix(7)) and accepts only its own user and root. A request is one line of
-JSON, the answer another.
-"""
-
-import json
 import os
 import socket
-import struct
-from collections.abc import Collection
-from contextlib import suppress
+import time
+from collections.abc import Collection, Sequence
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from bench.conductor.fault_server import FaultServer
+from bench.conductor.fault_socket import (
+    WHO,
+    address_of,
+    bench_name,
+    is_trusted,
+    line_of,
+    listening_names,
+    parsed,
+    receive_line,
+    send_line,
+    user_of,
+)
 from bench.conductor.free_slots import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
@@ -29,15 +38,15 @@ if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
+
+_GREETING_S = 2.0
+"""Wall-clock time in s that a bench may take to say which one it is."""
+
 _ANSWER_S = 10.0
-_MOST_BYTES = 65536
-_CREDENTIALS = struct.Struct("=3i")
-"""struct ucred: process, user and group."""
+"""Wall-clock time in s that it may take to answer."""
 
-
-def _names() -> str:
-    """Return the prefix of this user's benches among the names of abstract Unix sockets on this host."""
-    return f"@platoon-{os.getuid()}-"
+_MOST_WORDS = 1000
+"""Characters of a problem that are told."""
 
 
 class FaultDesk:
@@ -48,9 +57,15 @@ class FaultDesk:
     """
 
     def __init__(
-        self, plan: FaultPlan, board: FaultBoard, vehicles: int, log: Path, without: Collection[str] = ()
+        self,
+        plan: FaultPlan,
+        board: FaultBoard,
+        vehicles: int,
+        log: Path,
+        without: Collection[str] = (),
+        scenario: str = "",
     ) -> None:
-        """Accept faults for a run with this number of vehicles, identified by its `log`.
+        """Accept faults for a run of a `scenario` with this number of vehicles, which writes `log`.
 
         The bench does not start the ECUs in `without`, so it cannot crash or stop them.
         """
@@ -58,27 +73,20 @@ class FaultDesk:
         self.plan = plan
         self._board = board
         self._vehicles = vehicles
-        self._log = log
-        self._socket: socket.socket | None = None
+        self._server = FaultServer(bench_name(log), _introduction(log, scenario))
         self._told: set[tuple[int, bool]] = set()
 
     def __enter__(self) -> "FaultDesk":
         """Open the socket; a bench runs also without one."""
-        name = f"{_names()}{os.getpid()}-{'_'.join(self._log.stem.split())[:48]}"
-        try:
-            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            self._socket.setblocking(False)
-            self._socket.bind(_abstract(name))
-            self._socket.listen(8)
-        except OSError:
-            self._close()
+        with suppress(OSError, RuntimeError):
+            self._server.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the socket."""
-        self._close()
+        self._server.stop()
 
     def open(self, cycle: int, recorder: "Recorder") -> None:
         """Before a cycle begins: accept requests, and log the faults that begin and end with it."""
@@ -97,56 +105,53 @@ class FaultDesk:
                 recorder.event(cycle, FaultEnds(*what))
 
     def _serve(self, cycle: int, recorder: "Recorder") -> None:
-        if self._socket is None:
+        request = self._server.next()
+        if request is None:
             return
-        try:
-            connection, _ = self._socket.accept()
-        except OSError:
-            # No request, or the sender has gone.
-            return
-        with connection, suppress(OSError):
-            if _user_of(connection) not in (0, os.getuid()):
-                return
-            connection.settimeout(0.2)
-            answer = self._answer(_line(connection), cycle)
-            if "fault" in answer:
-                recorder.event(cycle, FaultRequested(answer["fault"]))
-            connection.sendall(json.dumps(answer).encode() + b"\n")
+        answer = self._answer(request.content, cycle)
+        if "fault" in answer:
+            recorder.event(cycle, FaultRequested(answer["fault"]))
+        request.answer(answer)
 
-    def _answer(self, line: bytes, cycle: int) -> dict[str, Any]:
+    def _answer(self, asked: dict[str, Any], cycle: int) -> dict[str, Any]:
         now_s = time_of(cycle)
         try:
-            asked = json.loads(line)
-            fault = _FAULTS.validate_json(json.dumps({"at_s": now_s, **asked}))
+            fault = _FAULTS.validate_json(line_of({"at_s": now_s, **asked}))
             if fault.at_s < now_s:
                 return {"error": f"at_s = {fault.at_s:g} has passed; the run is at {now_s:g} s"}
             problems = target_problems(fault, self._vehicles)
             if problems:
-                return {"error": "; ".join(f"{'.'.join(key)} {text}" for key, text in problems)}
+                return _refusal("; ".join(f"{'.'.join(key)} {text}" for key, text in problems))
             refuse_outages([fault], self._without)
             self._board.post(fault)
         except ValidationError as error:
-            return {"error": explain_fault(error)}
+            return _refusal(explain_fault(error))
         except (ValueError, TypeError, BadInput) as error:
-            return {"error": str(error)}
+            return _refusal(str(error))
         self.plan.refresh()
         return {"at_s": fault.at_s, "fault": fault.model_dump(mode="json")}
 
-    def _close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+
+def _refusal(text: str) -> dict[str, Any]:
+    return {"error": text if len(text) <= _MOST_WORDS else f"{text[:_MOST_WORDS]} ..."}
 
 
-def _abstract(name: str) -> bytes:
-    """Return the address of an abstract socket, which ends with its process and leaves no file."""
-    return b"\0" + name.removeprefix("@").encode()
+def _introduction(log: Path, scenario: str) -> dict[str, Any]:
+    """Return what a bench says of itself."""
+    inode = _inode_here()
+    folder = str(Path.cwd()) if inode else "a deleted directory"
+    names = {"log": str(log.absolute()) if inode else str(log), "folder": folder, "scenario": scenario}
+    # Names of files may be no text.
+    return {key: os.fsencode(name).decode(errors="replace") for key, name in names.items()} | {"inode": inode}
 
 
-def _user_of(connection: socket.socket) -> int:
-    """Return the user ID of the other end; an abstract socket has no permissions."""
-    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    return int(_CREDENTIALS.unpack(credentials)[1])
+def _inode_here() -> list[int]:
+    """Return device and inode of the working directory, which any of its names has; empty if it has been deleted."""
+    try:
+        here = Path.cwd().stat()
+    except OSError:
+        return []
+    return [here.st_dev, here.st_ino]
 
 
 def explain_fault(error: ValidationError) -> str:
@@ -161,52 +166,146 @@ def explain_fault(error: ValidationError) -> str:
     return "; ".join(texts)
 
 
+@dataclass(frozen=True)
+class RunningBench:
+    """A running bench.
+
+    Attributes:
+        name: process number and log, see `fault_socket.bench_name`.
+        log: absolute path of its log.
+        folder: the directory in which it was started.
+        scenario: name of the scenario.
+        here: whether it was started in the present working directory.
+    """
+
+    name: str
+    log: str
+    folder: str
+    scenario: str
+    here: bool
+
+    @property
+    def shown_log(self) -> str:
+        """Its log, relative to the present working directory if it is below that."""
+        with suppress(OSError, ValueError):
+            return str(Path(self.log).relative_to(Path.cwd()))
+        return self.log
+
+    def is_meant(self, run: str) -> bool:
+        """Whether `run` is part of its name or log."""
+        return run in self.name or run in self.log
+
+
 def running() -> list[str]:
     """Return the names of this user's running benches: process number and log."""
-    try:
-        lines = Path("/proc/net/unix").read_text().splitlines()
-    except OSError:
-        return []
-    names = {line.split()[-1] for line in lines}
-    return sorted(name.removeprefix(_names()) for name in names if name.startswith(_names()))
+    return listening_names()
+
+
+def running_benches() -> tuple[list[RunningBench], list[str]]:
+    """Return this user's running benches, and what is wrong with others that look like them."""
+    benches, ignored = [], []
+    for name in listening_names():
+        try:
+            with closing(_connected(name)) as connection:
+                benches.append(_introduced(connection, name))
+        except (OSError, ValueError) as error:
+            ignored.append(f"{name}: {error}")
+    return benches, ignored
 
 
 def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
     """Inject a fault into a running bench and return its answer.
 
     Args:
-        run: part of the name of the bench, as in `running`; None if there is only one.
+        run: part of the name of the bench or of its log; None for the one that was started in this directory.
         request: the fault; without `at_s` it begins at once.
+
+    Returns:
+        `at_s`, when the fault begins (s); `fault`, the fault; `log`, the path of the bench's log.
 
     Raises:
         BadInput: no such bench, more than one, or it refuses the fault.
     """
-    benches = [name for name in running() if run is None or run in name]
-    if not benches:
-        which = f"no running bench has {run!r} in its name" if run else "no bench of yours is running"
-        raise BadInput(f"{which}; start one with: platoon run")
-    if len(benches) > 1:
-        raise BadInput(f"several benches are running; name one with --run: {', '.join(benches)}")
-    (name,) = benches
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.settimeout(_ANSWER_S)
-        try:
-            connection.connect(_abstract(_names() + name))
-            connection.sendall(json.dumps(request).encode() + b"\n")
-            answer: dict[str, Any] = json.loads(_line(connection) or b'{"error": "the run has ended"}')
-        except OSError as error:
-            raise BadInput(f"the bench {name} does not answer: {error}") from error
+    bench = _chosen(run)
+    try:
+        with closing(_connected(bench.name)) as connection:
+            deadline = time.monotonic() + _ANSWER_S
+            send_line(connection, line_of(request), deadline)
+            answer = parsed(receive_line(connection, deadline) or b'{"error": "the run has ended"}')
+    except (OSError, ValueError) as error:
+        raise BadInput(f"the bench {bench.name} does not answer as a bench does: {error}") from error
     if "error" in answer:
-        raise BadInput(f"the bench {name} refuses the fault: {answer['error']}")
-    return answer
+        raise BadInput(f"the bench {bench.name} refuses the fault: {answer['error']}")
+    if not isinstance(answer.get("at_s"), float | int):
+        raise BadInput(f"the bench {bench.name} does not answer as a bench does: it does not say when the fault begins")
+    return {**answer, "log": bench.shown_log}
 
 
-def _line(connection: socket.socket) -> bytes:
-    """Read one line, or the bytes before the other side closed."""
-    data = b""
-    while not data.endswith(b"\n") and len(data) < _MOST_BYTES:
-        part = connection.recv(4096)
-        if not part:
-            break
-        data += part
-    return data
+def _chosen(run: str | None) -> RunningBench:
+    benches, ignored = running_benches()
+    meant = [bench for bench in benches if (bench.here if run is None else bench.is_meant(run))]
+    if run is not None:
+        # A process number may be part of another.
+        meant = [bench for bench in meant if bench.name.partition("-")[0] == run] or meant
+    if len(meant) == 1:
+        return meant[0]
+    if meant:
+        raise BadInput(f"several benches are running; name one with --run:\n{_listed(meant)}")
+    which = "no bench of yours is running"
+    if benches:
+        none = (
+            "no running bench was started in this directory"
+            if run is None
+            else f"no running bench has {run!r} in its name"
+        )
+        raise BadInput(f"{none}; name one of these with --run:\n{_listed(benches)}")
+    if run is not None:
+        which = f"no running bench has {run!r} in its name"
+    others = "".join(f"\n  ignored: {text}" for text in ignored)
+    raise BadInput(f"{which}; start one with: platoon run{others}")
+
+
+def _listed(benches: Sequence[RunningBench]) -> str:
+    rows = [
+        (f"--run {bench.name.partition('-')[0]}", bench.scenario, bench.shown_log, bench.folder) for bench in benches
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        f"  {name:{widths[0]}}  {scenario:{widths[1]}}  {log:{widths[2]}}  started in {folder}"
+        for name, scenario, log, folder in rows
+    )
+
+
+def _connected(name: str) -> socket.socket:
+    """Connect to a bench.
+
+    Raises:
+        OSError: nobody listens, or somebody else does.
+    """
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        connection.settimeout(_GREETING_S)
+        connection.connect(address_of(name))
+        if not is_trusted(connection):
+            raise PermissionError(f"the socket belongs to user {user_of(connection)}")
+    except OSError:
+        connection.close()
+        raise
+    return connection
+
+
+def _introduced(connection: socket.socket, name: str) -> RunningBench:
+    """Return what a bench says of itself.
+
+    Raises:
+        OSError: it says nothing in time.
+        ValueError: it says something else.
+    """
+    deadline = time.monotonic() + _GREETING_S
+    send_line(connection, line_of(WHO), deadline)
+    said = parsed(receive_line(connection, deadline))
+    log, folder, scenario = (said.get(key) for key in ("log", "folder", "scenario"))
+    if not (isinstance(log, str) and isinstance(folder, str) and isinstance(scenario, str)):
+        raise ValueError("it does not say which bench it is")
+    here = _inode_here()
+    return RunningBench(name, log, folder, scenario, here=bool(here) and said.get("inode") == here)

@@ -175,7 +175,8 @@ def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitS
     links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
     interrupts = stack.enter_context(Interrupts())
     stack.enter_context(as_batch_work())
-    desk = stack.enter_context(FaultDesk(plan, FaultBoard(board), vehicles, options.out, options.without))
+    desk = FaultDesk(plan, FaultBoard(board), vehicles, options.out, options.without, scenario.name)
+    stack.enter_context(desk)
     waiting = FreeSlots(free, codecs, vehicles)
     go_on = scenario.on_ecu_failure == "continue"
     means = Means(links, codecs, vehicles, options.silence_s, desk, waiting, go_on)
