@@ -4,6 +4,7 @@ import os
 import socket
 import time
 from collections.abc import Collection, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,6 +43,7 @@ _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 _GREETING_S = 2.0
 """Wall-clock time in s that a bench may take to say which one it is."""
 
+_ASKED_AT_ONCE = 32
 _ANSWER_S = 10.0
 """Wall-clock time in s that it may take to answer."""
 
@@ -201,16 +203,32 @@ def running() -> list[str]:
     return listening_names()
 
 
-def running_benches() -> tuple[list[RunningBench], list[str]]:
-    """Return this user's running benches, and what is wrong with others that look like them."""
+def running_benches(part: str = "") -> tuple[list[RunningBench], list[str]]:
+    """Return this user's running benches, and what is wrong with others that look like them.
+
+    Args:
+        part: if there are benches with this in their names, only these are asked.
+    """
+    names = listening_names()
+    names = [name for name in names if part in name] or names
     benches, ignored = [], []
-    for name in listening_names():
-        try:
-            with closing(_connected(name)) as connection:
-                benches.append(_introduced(connection, name))
-        except (OSError, ValueError) as error:
-            ignored.append(f"{name}: {error}")
+    # Asked at once: one that says nothing delays no other.
+    with ThreadPoolExecutor(_ASKED_AT_ONCE) as pool:
+        for name, said in zip(names, pool.map(_asked, names), strict=True):
+            if isinstance(said, RunningBench):
+                benches.append(said)
+            else:
+                ignored.append(f"{name}: {said}")
     return benches, ignored
+
+
+def _asked(name: str) -> RunningBench | str:
+    """Return a bench that is asked which one it is, or why it is none."""
+    try:
+        with closing(_connected(name)) as connection:
+            return _introduced(connection, name)
+    except (OSError, ValueError) as error:
+        return str(error)
 
 
 def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
@@ -242,7 +260,7 @@ def ask(run: str | None, request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _chosen(run: str | None) -> RunningBench:
-    benches, ignored = running_benches()
+    benches, ignored = running_benches(run or "")
     meant = [bench for bench in benches if (bench.here if run is None else bench.is_meant(run))]
     if run is not None:
         # A process number may be part of another.
