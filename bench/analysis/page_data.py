@@ -16,6 +16,7 @@ from bench.bus.link.base import EXTENDED
 from bench.cycle import CYCLE_S
 from bench.record import Event, Run
 from bench.record.drawing import BODY, colour, lane_edges
+from bench.record.label import label_of
 from platoon_fmu.parameters import VehicleParameters
 
 PageData = dict[str, Any]
@@ -84,6 +85,7 @@ def _head(run: Run) -> PageData:
     scenario = run.scenario
     return {
         "scenario": scenario.name,
+        "label": label_of(run),
         "file": run.path.name,
         "description": scenario.description,
         "damage": run.damage,

@@ -22,6 +22,7 @@ from bench.errors import BadInput
 from bench.files import write_text
 from bench.record import Run
 from bench.record.compare import SignalDifference
+from bench.record.settings import compare_settings
 
 SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "animation", "player", "tables", "page")
 """The files of the script, in order; while the page loads, each uses only those before it."""
@@ -48,7 +49,7 @@ def render(run: Run) -> str:
     """
     buses = bus_loads(run)
     data = page_data(run, buses)
-    return _page(data, f"platoon: {data['scenario']}", _figure(snapshots(run)), strip(buses) if buses else "")
+    return _page(data, _title(data), _figure(snapshots(run)), strip(buses) if buses else "")
 
 
 def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str:
@@ -63,10 +64,10 @@ def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str
         BadInput: a log has no ground truth or no scenario.
     """
     buses = bus_loads(a)
-    data = together(page_data(a, buses), page_data(b), (compute(a), compute(b)))
+    data = together(page_data(a, buses), page_data(b), (compute(a), compute(b)), compare_settings(a, b))
     figures, pool = figures_of(signals, a, b)
     data |= {"figures": figures + data["figures"], "pool": data["pool"] | pool}
-    title = f"platoon: {data['scenario']} and {data['other']['scenario']}"
+    title = f"{_title(data)} and {_title(data['other'], '')}"
     pictures = _figure(snapshots(a), "A") + _figure(snapshots(b), "B")
     return _page(data, title, pictures, strip(buses) if buses else "")
 
@@ -91,7 +92,11 @@ def render_live(run: Run) -> str:
         BadInput: the log has no scenario.
     """
     data = live_data(run)
-    return _page(data, f"platoon: {data['scenario']}", "", "", live=True)
+    return _page(data, _title(data), "", "", live=True)
+
+
+def _title(data: PageData, before: str = "platoon: ") -> str:
+    return before + (f"{data['label']} ({data['scenario']})" if data["label"] else str(data["scenario"]))
 
 
 def _page(data: PageData, title: str, pictures: str, buses: str, *, live: bool = False) -> str:

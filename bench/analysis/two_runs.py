@@ -7,6 +7,8 @@ from typing import Any
 
 from bench.analysis.metrics import Metrics
 from bench.analysis.page_data import PageData
+from bench.label import cleaned
+from bench.record.settings import MOST_SHOWN, NOTHING_DIFFERS, Settings, text_of
 
 B = "B/"
 """Prefix of the keys of B's columns."""
@@ -34,15 +36,28 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
 }
 
 
-def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics]) -> PageData:
-    """Return the data of a page that shows both runs, from the data and the metrics of each."""
+def together(a: PageData, b: PageData, metrics: tuple[Metrics, Metrics], settings: Settings) -> PageData:
+    """Return the data of a page that shows both runs, from the data and metrics of each and their compared settings."""
     return {
         **a,
+        "names": settings.names,
+        "settings": _settings(settings),
         "figures": _figures(a["figures"], b["figures"]),
         "pool": {**a["pool"], **{B + key: values for key, values in b["pool"].items()}},
         "compared": _compared(a["metrics"], b["metrics"], metrics),
         "not_sent": [f"{run}: {title}" for run, data in (("A", a), ("B", b)) for title in data["not_sent"]],
         "other": {**{key: value for key, value in b.items() if key not in ("figures", "pool")}, "prefix": B},
+    }
+
+
+def _settings(settings: Settings) -> dict[str, Any]:
+    """Return what differs as rows of group, name and both values, the number of more of them, and notes."""
+    shown = settings.differences[:MOST_SHOWN]
+    nothing = [NOTHING_DIFFERS] if settings.comparable and not shown else []
+    return {
+        "rows": [[each.group, cleaned(each.name), text_of(each.a), text_of(each.b)] for each in shown],
+        "more": len(settings.differences) - len(shown),
+        "notes": [*nothing, *settings.notes],
     }
 
 

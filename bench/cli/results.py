@@ -23,15 +23,17 @@ def metrics(
 ) -> None:
     """Show the metrics of a run, computed from its log alone."""
     from bench.analysis.metrics import compute
+    from bench.record.label import label_of
     from bench.record.reader import Run
 
-    figures = compute(Run(readable_log(log)))
+    run = Run(readable_log(log))
+    figures, label = compute(run), label_of(run)
     if as_json:
-        say_json(figures.as_dict(), indent=2)
+        say_json({"label": label, **figures.as_dict()}, indent=2)
         return
     from bench.cli.summary import show_metrics
 
-    show_metrics(figures)
+    show_metrics(figures, label)
 
 
 def report(
@@ -60,28 +62,36 @@ def diff(
         Path | None,
         typer.Option(metavar="F.html", help="Write a page that plots what differs and overlays both runs."),
     ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Compare the frames of two runs, ignoring messages that carry wall-clock times."""
+    """Compare two runs: what they were started with, then their frames, but those that carry wall-clock times."""
     from bench.record.compare import diff as compare
+    from bench.record.reader import Run
+    from bench.record.settings import compare_settings
 
     logs = readable_log(a), readable_log(b)
+    runs = [Run(log) for log in logs]
     if plot is not None:
         from bench.analysis.report import check_drawable
-        from bench.record.reader import Run
 
         check_report(plot)
-        runs = [Run(log) for log in logs]
         for run in runs:
             check_drawable(run)
     difference = compare(*logs)
-    typer.echo(str(difference))
+    settings = compare_settings(runs[0], runs[1])
+    if as_json:
+        say_json({"settings": settings.as_dict(), "frames": difference.as_dict()}, indent=2)
+    else:
+        if settings.comparable:
+            typer.echo(f"{settings}\n")
+        typer.echo(str(difference))
     if plot is not None:
         from bench.analysis.differences import MAX_SIGNALS
         from bench.analysis.report import write
 
         write(runs[0], plot, runs[1], difference.signals)
         some = f", of the first {MAX_SIGNALS} signals" if len(difference.signals) > MAX_SIGNALS else ""
-        typer.echo(f"plot:   {plot}{some}")
+        typer.echo(f"plot:   {plot}{some}", err=as_json)
     raise typer.Exit(0 if difference.same else 1)
 
 

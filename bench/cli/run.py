@@ -13,6 +13,7 @@ from bench.cli.fmu import say_first_use, vehicle_fmu
 from bench.cli.options import EXIT_CODES, LOGS, Buses, Overrides, ScenarioName, Seed, report_path
 from bench.errors import BadInput
 from bench.files import check_directory, check_new
+from bench.label import checked_label
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -48,6 +49,10 @@ def run(
     overrides: Overrides = None,
     seed: Seed = None,
     out: Annotated[Path | None, typer.Option(help="The log to write; logs/SCENARIO-TIME.mcap if not given.")] = None,
+    label: Annotated[
+        str | None,
+        typer.Option(metavar="TEXT", help="A few words that tell this run from others: --label 'soft gains'."),
+    ] = None,
     no_report: Annotated[bool, typer.Option("--no-report", help="Write no report beside the log.")] = False,
     ecu: Annotated[
         list[str] | None,
@@ -76,6 +81,7 @@ def run(
     if clock not in ("lockstep", "realtime"):
         raise BadInput(f"--clock {clock}: no such clock; allowed: lockstep, realtime")
     loaded = load(scenario, overrides or (), seed)
+    named = "" if label is None else checked_label(label)
     address = Address.parse(*(can or loaded.bus_texts))
     ecus = _ecu_classes(ecu or [])
     log = _log_path(out, loaded.name, with_report=not no_report)
@@ -100,6 +106,7 @@ def run(
             loaded,
             address=address,
             out=log,
+            label=named,
             command_line=["platoon", *sys.argv[1:]],
             on_progress=tell,
             ecus=ecus,
@@ -118,7 +125,7 @@ def run(
 
     recorded = Run(result.path)
     figures = compute(recorded)
-    show_metrics(figures)
+    show_metrics(figures, named)
     times = timing(recorded)
     if times is not None:
         show_timing(times, result.scheduling)

@@ -49,9 +49,11 @@ def _plain(console: Terminal, name: str, duration_s: float) -> Callable[[float],
     return tell
 
 
-def show_metrics(metrics: "Metrics") -> None:
-    """Print the metrics of a run on standard output."""
+def show_metrics(metrics: "Metrics", label: str = "") -> None:
+    """Print the metrics of a run on standard output, under its label if it has one."""
     console = Terminal()
+    if label:
+        console.print(label)
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
     if not metrics.complete:

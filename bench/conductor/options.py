@@ -23,6 +23,7 @@ class RunOptions:
         scenario: the scenario to run.
         address: address of the buses; `direct` keeps everything in this process.
         out: the log to write; it must not exist.
+        label: a few words that tell this run from others, for the log; empty for none.
         command_line: the command line, for the log.
         ecus: class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
         without: names of ECUs that are started by hand, not by the run, e.g. `veh1.planner`.
@@ -44,6 +45,7 @@ class RunOptions:
     fmu: Path | None = None
     silence_s: float = SILENCE_S
     realtime: bool = False
+    label: str = ""
     on_progress: Callable[[float], None] | None = None
     on_waiting: Callable[[str], None] | None = None
 

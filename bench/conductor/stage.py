@@ -27,6 +27,7 @@ from bench.conductor.interrupts import Interrupts
 from bench.conductor.options import RunOptions
 from bench.ecu.loading import load_classes, make_node
 from bench.faults.plan import FaultPlan
+from bench.label import LABEL
 from bench.names import PLANT
 from bench.plant.description import FmuDescription
 
@@ -82,6 +83,7 @@ class Stage:
     def metadata(self) -> dict[str, str]:
         """The log's metadata before the run begins."""
         return {
+            **({LABEL: self.options.label} if self.options.label else {}),
             "scenario": self.options.scenario.name,
             "seed": str(self.options.scenario.seed),
             "duration_s": f"{self.options.scenario.duration_s:g}",

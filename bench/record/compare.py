@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +75,13 @@ class Difference:
     def same(self) -> bool:
         """Whether all frames are the same."""
         return self.first is None and not self.notes
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the differences as JSON values; a largest difference that is not a number is None."""
+        signals = [
+            {**asdict(each), "largest": each.largest if math.isfinite(each.largest) else None} for each in self.signals
+        ]
+        return {"same": self.same, **asdict(self), "signals": signals}
 
     def __str__(self) -> str:
         """Return the difference as text for a person."""

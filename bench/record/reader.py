@@ -122,7 +122,7 @@ class Run:
         """
         try:
             return from_log(self.scenario_text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise BadInput(f"{self.path}: the scenario attached to it cannot be read: {error}") from error
 
     def codec(self, bus: str) -> Codec | None:

@@ -18,7 +18,9 @@ from bench.cycle import CYCLE_NS
 from bench.ecu.loading import load_class
 from bench.errors import RunFailed
 from bench.files import written_aside
+from bench.label import LABEL
 from bench.record.can_frame import Frame
+from bench.record.label import resim_label
 from bench.record.reader import Run
 from bench.record.writer import RunWriter
 from bench.resim.comparison import Pair
@@ -62,7 +64,10 @@ def _write(plan: Plan, outcomes: Sequence[Outcome], path: Path, command_line: st
         codecs=plan.codecs,
         truth_names=truth_names,
         vehicles=run.vehicles,
-        metadata={**head, **_classes(plan, outcomes), RESIMULATED: resimulated, "resim_command_line": command_line},
+        metadata={
+            **{**head, LABEL: resim_label(run, [outcome.name for outcome in outcomes])},
+            **{**_classes(plan, outcomes), RESIMULATED: resimulated, "resim_command_line": command_line},
+        },
         attachments=run.attachments,
         truth_units={name: unit for name, unit in units.items() if unit},
         timeline=BusTimeline(plan.codecs, _inputs(plan), realtime=plan.realtime),

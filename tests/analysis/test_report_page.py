@@ -414,6 +414,38 @@ def test_two_runs_are_drawn_over_each_other(open_page, formation, run_of):
     assert tab.evaluate("document.documentElement.scrollWidth") == DESK["width"]
 
 
+def test_what_differs_between_two_runs_is_on_top_of_their_report(open_page, formation, run_of):
+    formation.metadata["label"] = "soft <b>gains"
+    other = run_of(Motions(5, 30))
+    tab = open_page(render_both(formation, other))
+    assert tab.title() == f"platoon: soft <b>gains (formation) and {other.scenario.name}"
+    assert tab.locator("h1").inner_text() == f"soft <b>gains (formation) and {other.scenario.name}"
+    assert tab.locator("#verdicts .file").all_inner_texts() == ["A: soft <b>gains: ", "B: run.mcap: "]
+    assert tab.locator("#layers label").nth(0).inner_text().strip() == "A: soft <b>gains"
+    assert tab.locator("#layers label").nth(1).inner_text().strip() == "B: run.mcap, dashed"
+    rows = [row.split("\t") for row in tab.locator("#settings tbody tr").all_inner_texts()]
+    assert ["scenario", "duration_s", "6.0", "0.3"] in rows
+    assert "vehicles.3" in [row[1] for row in rows]
+    assert tab.locator("#settings").bounding_box()["y"] < tab.locator("#road").bounding_box()["y"]
+    assert "Not recorded in B: " in tab.locator("#settings .caption").inner_text()
+    assert tab.evaluate("document.documentElement.scrollWidth") == DESK["width"]
+
+
+def test_two_runs_of_one_setting_say_that_nothing_differs(open_page, formation):
+    tab = open_page(render_both(formation, formation))
+    assert tab.locator("#settings tr").count() == 0
+    assert tab.locator("#settings .caption").first.inner_text().startswith("Nothing differs in scenario, seed, ")
+
+
+def test_a_run_alone_has_its_label_as_its_title(open_page, run_of):
+    run = run_of(Motions(2, 30))
+    run.metadata["label"] = "soft gains"
+    tab = open_page(render(run))
+    assert tab.locator("h1").inner_text() == f"soft gains ({run.scenario.name})"
+    assert tab.title() == f"platoon: soft gains ({run.scenario.name})"
+    assert not tab.locator("#settings").is_visible()
+
+
 def test_a_run_that_goes_on_grows_and_is_followed_until_the_viewer_takes_the_time(open_page, formation):
     sockets = []
     tab = open_page(

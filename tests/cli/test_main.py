@@ -167,6 +167,11 @@ def test_a_scenario_file_is_refused_by_name_and_line(tmp_path, refused):
     assert f'line {line}: platoon.gap_m = "10 m" is not allowed' in message
 
 
+def test_a_label_that_says_nothing_or_too_much_is_refused(tmp_path, refused):
+    assert "--label" in refused("run", *SHORT, "--label", "", cwd=tmp_path)
+    assert "at most 60" in refused("run", *SHORT, "--label", "x" * 61, cwd=tmp_path)
+
+
 def test_a_log_that_is_there_is_never_overwritten(platoon_log, refused):
     log, _ = platoon_log
     before = log.read_bytes()
@@ -256,13 +261,31 @@ def test_report_is_written_where_it_is_asked_for(platoon_log, tmp_path, refused)
 def test_diff_tells_the_same_run_from_another(platoon_log, tmp_path):
     log, _ = platoon_log
     again = ["run", "crosswind", *SHORT, "--set", "road.force_y_n=0.0", "--no-report"]
+    faster = ["--set", "vehicles.0.speed_mps=20.1", "--label", " a bit\nfaster "]
     assert platoon(*again, "--out", "again.mcap", cwd=tmp_path).returncode == 0
-    assert platoon(*again, "--set", "vehicles.0.speed_mps=20.1", "--out", "other.mcap", cwd=tmp_path).returncode == 0
+    assert "a bit faster\n" in platoon(*again, *faster, "--out", "other.mcap", cwd=tmp_path).stdout
     same = platoon("diff", str(log), "again.mcap", cwd=tmp_path)
     assert same.returncode == 0, same.stdout
     different = platoon("diff", str(log), "other.mcap", cwd=tmp_path)
     assert different.returncode == 1
     assert "veh1" in different.stdout
+    # What they were started with comes first.
+    assert different.stdout.startswith("A: run.mcap\nB: a bit faster\nWhat differs in ")
+    settings, frames = different.stdout.split("\n\n")
+    assert "  scenario  vehicles.0.speed_mps  A: 20.0  B: 20.1\n" in settings
+    assert frames.startswith("different: ")
+    as_json = platoon("diff", str(log), "other.mcap", "--json", cwd=tmp_path)
+    assert as_json.returncode == 1
+    found = json.loads(as_json.stdout)
+    row = {"group": "scenario", "name": "vehicles.0.speed_mps", "a": "20.0", "b": "20.1"}
+    assert row in found["settings"]["differences"]
+    assert (found["frames"]["same"], found["settings"]["names"]) == (False, ["run.mcap", "a bit faster"])
+    # The same run but for a place to write to differs in nothing; the label is everywhere where runs are told apart.
+    nothing = platoon("diff", "again.mcap", "again.mcap", cwd=tmp_path).stdout
+    assert "Nothing differs in scenario, seed, versions, options and machine.\n" in nothing
+    assert "label  " in platoon("log", "info", "other.mcap", cwd=tmp_path).stdout
+    assert platoon("metrics", "other.mcap", cwd=tmp_path).stdout.startswith("a bit faster\n")
+    assert json.loads(platoon("metrics", "other.mcap", "--json", cwd=tmp_path).stdout)["label"] == "a bit faster"
 
 
 @pytest.mark.parametrize("command", [["metrics"], ["report"], ["diff", "garbage.mcap"]])

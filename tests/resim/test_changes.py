@@ -193,6 +193,7 @@ def test_the_log_as_it_would_be_has_the_new_frames_and_all_others_as_they_were(t
     ]
     written = Run(tmp_path / "as_it_would_be.mcap")
     assert "veh1.tracker" in written.metadata["resimulated"]
+    assert written.metadata["label"] == f"{FIVE.name}, resim of veh1.tracker"
     assert written.scenario == Run(FIVE).scenario
 
 

@@ -2,6 +2,7 @@
 
 function showAll() {
   fillHeader();
+  fillSettings();
   fillMetrics();
   fillNotSent();
   fillEvents();
@@ -17,6 +18,8 @@ function showAll() {
 
 function offerLayers() {
   byId("layers").hidden = false;
+  byId("layer-a").nextSibling.textContent = ` ${nameOf(data)}`;
+  byId("layer-b").nextSibling.textContent = ` ${nameOf(data.other)}, dashed`;
   for (const [id, layer] of [["layer-a", "A"], ["layer-b", "B"], ["layer-second", "second"]]) {
     byId(id).addEventListener("change", (event) => {
       layers[layer] = event.target.checked;

@@ -5,16 +5,44 @@ const heading = (parent, texts) => {
   texts.forEach((text) => element(row, "th", { scope: "col" }, text));
 };
 
+// The letter of one of two runs with its label, or the name of its file.
+const nameOf = (run) => `${letter(run)}: ${data.names[run === data ? 0 : 1]}`;
+
 function fillHeader() {
-  byId("name").textContent = runs().map((run) => run.scenario).join(" and ");
+  const titles = runs().map(({ label, scenario }) => (label ? `${label} (${scenario})` : scenario));
+  byId("name").textContent = titles.join(" and ");
   byId("description").textContent = data.other ? "Two runs overlaid: A solid, B dashed." : data.description;
   const parent = byId("verdicts");
   parent.replaceChildren();
   for (const run of runs()) {
     const { text, good } = verdict(run);
     const line = element(parent, "p", { class: data.live ? "" : good ? "good" : "bad" });
-    if (data.other) element(line, "span", { class: "file" }, `${letter(run)} ${run.file}: `);
+    if (data.other) element(line, "span", { class: "file" }, `${nameOf(run)}: `);
     line.append(text);
+  }
+}
+
+// What the two runs were started with, as far as it differs.
+function fillSettings() {
+  const parent = byId("settings");
+  parent.hidden = !data.other;
+  if (!data.other) return;
+  parent.replaceChildren();
+  element(parent, "h3", {}, "What differs between A and B");
+  const { rows, more, notes } = data.settings;
+  if (rows.length) {
+    const table = element(element(parent, "div", { class: "scrolls" }), "table");
+    heading(table, ["", "Setting", ...runs().map(nameOf)]);
+    const body = element(table, "tbody");
+    for (const [group, name, a, b] of rows) {
+      const row = element(body, "tr");
+      element(row, "td", { class: "asked" }, group);
+      element(row, "th", { scope: "row" }, name);
+      for (const value of [a, b]) element(row, "td", { class: "value" }, value);
+    }
+  }
+  for (const note of more ? [`and ${more} more; platoon diff --json lists all`, ...notes] : notes) {
+    element(parent, "p", { class: "caption" }, note);
   }
 }
 
