@@ -200,6 +200,96 @@ def _from_to(before: str, after: str) -> str:
 
 
 @dataclass(frozen=True)
+class NotANumber(_Kind):
+    """An ECU's step has begun to return a value that is not a number; its message is not sent while that lasts.
+
+    Attributes:
+        source: the ECU.
+        cycle: number of the cycle.
+        message: name of the message in the DBC.
+        signal: name of the signal.
+        value: nan, inf or -inf.
+        command: whether other nodes act on the message: it has E2E protection.
+    """
+
+    kind: ClassVar[str] = "not_a_number"
+    source: str
+    cycle: int
+    message: str
+    signal: str
+    value: str
+    command: bool
+
+    @property
+    def level(self) -> Level:
+        """See `Event`."""
+        return "error" if self.command else "warning"
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        return (
+            f"{self.message}.{self.signal} = {self.value} is not a number; {self.message} is not sent until it is one"
+        )
+
+
+@dataclass(frozen=True)
+class NumberAgain(_Kind):
+    """A value of an ECU is a number again.
+
+    Attributes:
+        source, cycle, message, signal: as of `NotANumber`.
+        cycles: number of cycles for which it was not.
+    """
+
+    kind: ClassVar[str] = "number_again"
+    level: ClassVar[Level] = "info"
+    source: str
+    cycle: int
+    message: str
+    signal: str
+    cycles: int
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        return f"{self.message}.{self.signal} is a number again after {self.cycles} cycles"
+
+
+@dataclass(frozen=True)
+class Clipped(_Kind):
+    """An ECU's value is outside its signal's range in the DBC; recorded once per run, ECU and signal.
+
+    Attributes:
+        source, cycle, message, signal: as of `NotANumber`.
+        value: what the ECU's step has returned.
+        sent: the end of the range, which is sent instead.
+    """
+
+    kind: ClassVar[str] = "clipped"
+    level: ClassVar[Level] = "warning"
+    source: str
+    cycle: int
+    message: str
+    signal: str
+    value: float
+    sent: float
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        what = f"{self.message}.{self.signal} = {self.value:g}"
+        return f"{what} is outside the range in the DBC and is sent as {self.sent:g}"
+
+
+EcuNote = NotANumber | NumberAgain | Clipped
+"""What the bench notes of the values that an ECU sends."""
+
+ECU_NOTES: Mapping[str, type[EcuNote]] = {each.kind: each for each in (NotANumber, NumberAgain, Clipped)}
+"""The kinds of `EcuNote`, by name."""
+
+
+@dataclass(frozen=True)
 class EcuFailed(_Kind):
     """ECUs have ended or fallen silent without a fault that causes it; the run continues without them.
 

@@ -11,6 +11,7 @@ from bench.analysis.boundary import margin
 from bench.analysis.motion import Array, Motion, motion
 from bench.analysis.step_times import step_times_ms
 from bench.analysis.told import told
+from bench.analysis.troubles import NotNumber, Warnings, not_numbers, warnings_of
 from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
 from bench.control.outcome import GainSource, SolverStatus
@@ -53,6 +54,8 @@ class Metrics:
         fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.
         frames_lost: number of frames dropped by receive queues; None if none is known of, but an ECU did not report.
         e2e_errors: number of frames rejected by E2E protection; None likewise.
+        warnings: the warnings and errors among the events, without the faults that were asked for.
+        not_numbers: commands of ECUs that were not numbers; their messages were not sent.
         real_time_factor: simulated time divided by wall-clock time; None if the run was cut off.
     """
 
@@ -76,6 +79,8 @@ class Metrics:
     fallback_steps: int | None
     frames_lost: int | None
     e2e_errors: int | None
+    warnings: Warnings
+    not_numbers: list[NotNumber]
     real_time_factor: float | None
 
     def as_dict(self) -> dict[str, Any]:
@@ -117,6 +122,8 @@ def compute(run: Run) -> Metrics:
         fallback_steps=fallback_steps(run),
         frames_lost=_reported(run, "FramesLost", "frames_lost"),
         e2e_errors=_reported(run, "E2EErrors", "e2e_errors"),
+        warnings=warnings_of(run.events),
+        not_numbers=not_numbers(run.events),
         real_time_factor=duration / wall_s if wall_s else None,
     )
 

@@ -69,6 +69,8 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         Row("Steps with a fallback gain", count_text(metrics.fallback_steps)),
         _none("Frames lost", metrics.frames_lost),
         _none("E2E errors", metrics.e2e_errors),
+        _numbers(metrics, scenario),
+        Row("Warnings", str(metrics.warnings) if metrics.warnings.count else "0"),
         Row("Solver, median / p99", median_and_p99(metrics.solver_ms), of_machine=True),
         _times("Tracker step, median / p99", metrics.tracker_ms, *TRACKER_MS),
         _times("Planner step, median / p99", metrics.planner_ms, PLANNER_MS, None),
@@ -85,6 +87,16 @@ def count_text(count: int | None) -> str:
 
 def _none(name: str, count: int | None) -> Row:
     return Row(name, count_text(count), "0", None if count is None else count == 0)
+
+
+def _numbers(metrics: Metrics, scenario: Scenario) -> Row:
+    """Return the row of the commands that are not numbers, which the scenario may allow."""
+    found = metrics.not_numbers
+    more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+    name, value = "Commands that are not numbers", f"{found[0]}{more}" if found else "0"
+    if scenario.on_not_a_number == "allow":
+        return Row(name, value, "allowed")
+    return Row(name, value, "0", not found)
 
 
 def _least_distance(metrics: Metrics) -> Row:

@@ -32,6 +32,8 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Steps with a fallback gain": (lambda m: m.fallback_steps, 0, ""),
     "Frames lost": (lambda m: m.frames_lost, 0, ""),
     "E2E errors": (lambda m: m.e2e_errors, 0, ""),
+    "Commands that are not numbers": (lambda m: len(m.not_numbers), 0, ""),
+    "Warnings": (lambda m: m.warnings.count, 0, ""),
     "Real-time factor": (lambda m: m.real_time_factor, 2, ""),
 }
 

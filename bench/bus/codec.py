@@ -210,6 +210,15 @@ class Codec:
             crc = table[crc ^ byte]
         return CanFrame(layout.can_id, (word | crc).to_bytes(layout.length, "little"))
 
+    def ranges(self, name: str) -> tuple[tuple[str, float, float], ...]:
+        """Return each signal that `encode` takes for the message `name`, with the ends of its range.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        layout = self._layout_of(name)
+        return tuple((each.signal, each.low, each.high) for each in (*layout.encoded, *layout.encoded_floats))
+
     def decode(self, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
         """Return the name of a frame's message and the physical values of all its signals.
 

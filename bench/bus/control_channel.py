@@ -10,11 +10,12 @@ import os
 import select
 import struct
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import IntEnum
 from typing import Any
 
 from bench.bus.topic import Topic
+from bench.events import ECU_NOTES, EcuNote
 from bench.faults.plan import FaultBoard
 
 _HEAD = struct.Struct("<BxH")
@@ -32,6 +33,8 @@ class Kind(IntEnum):
     """A process has ended: its name and its exit code, the negated signal number if a signal ended it."""
     TRUTH = 4
     """A truth row: vehicle, cycle, values."""
+    NOTE = 5
+    """Something is wrong with the values that an ECU sends: the event's kind and all its fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +72,10 @@ class ControlChannel:
         """Report a truth row."""
         row = _TRUTH.pack(vehicle, cycle) + struct.pack(f"<{len(values)}d", *values)
         self._write(Kind.TRUTH, row)
+
+    def note(self, event: EcuNote) -> None:
+        """Report what is to be noted of the values that an ECU sends."""
+        self.report(Kind.NOTE, {"kind": event.kind, "fields": asdict(event)})
 
     def report(self, kind: Kind, content: dict[str, Any]) -> None:
         """Report a single event.
@@ -111,3 +118,9 @@ def read_truth(payload: bytes) -> Truth:
     vehicle, cycle = _TRUTH.unpack_from(payload)
     count = (len(payload) - _TRUTH.size) // 8
     return Truth(vehicle, cycle, struct.unpack_from(f"<{count}d", payload, _TRUTH.size))
+
+
+def read_note(payload: bytes) -> EcuNote:
+    """Return the event in a record's payload."""
+    content = json.loads(payload)
+    return ECU_NOTES[content["kind"]](**content["fields"])

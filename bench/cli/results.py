@@ -34,6 +34,8 @@ def metrics(
     from bench.cli.summary import show_metrics
 
     show_metrics(figures, label)
+    for number in figures.not_numbers:
+        typer.echo(str(number))
 
 
 def report(

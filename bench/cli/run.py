@@ -18,7 +18,9 @@ from bench.label import checked_label
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
+    from bench.analysis.metrics import Metrics
     from bench.live.session import LiveSession
+    from bench.scenario import Scenario
 
 
 class Role(StrEnum):
@@ -119,7 +121,6 @@ def run(
         result = conductor.run(options)
 
     from bench.analysis.metrics import compute
-    from bench.analysis.requirements import LEAST_DISTANCE_M
     from bench.analysis.timing import timing
     from bench.record.reader import Run
 
@@ -136,14 +137,9 @@ def run(
         report = report_path(result.path)
         write(recorded, report)
         typer.echo(f"report: {report}")
-    failures = []
-    if figures.formation_time_s is None:
-        failures.append(f"did not form a platoon in {loaded.duration_s:g} s")
-    if figures.least_distance_m is not None and figures.least_distance_m <= LEAST_DISTANCE_M:
-        least = f"{figures.least_distance_m:.2f} m of each other, centre to centre"
-        failures.append(f"brought vehicles within {least}, where {LEAST_DISTANCE_M:g} m is the least")
+    failures = _failures(figures, loaded)
     if failures:
-        typer.echo(f"platoon: {loaded.name} {' and '.join(failures)}", err=True)
+        typer.echo("\n".join(f"platoon: {text}" for text in failures), err=True)
         raise typer.Exit(1)
 
 
@@ -248,6 +244,20 @@ def _prepared_fmu() -> Path:
 
         warm_up_once(fmu.parent, say_first_use)
     return fmu
+
+
+def _failures(metrics: "Metrics", scenario: "Scenario") -> list[str]:
+    """Return why a run that has been completed counts as failed, a line each; none if it does not."""
+    from bench.analysis.requirements import LEAST_DISTANCE_M
+
+    lines = [str(each) for each in metrics.not_numbers] if scenario.on_not_a_number == "fail" else []
+    failures = ["had commands that are not numbers"] if lines else []
+    if metrics.formation_time_s is None:
+        failures.append(f"did not form a platoon in {scenario.duration_s:g} s")
+    if metrics.least_distance_m is not None and metrics.least_distance_m <= LEAST_DISTANCE_M:
+        least = f"{metrics.least_distance_m:.2f} m of each other, centre to centre"
+        failures.append(f"brought vehicles within {least}, where {LEAST_DISTANCE_M:g} m is the least")
+    return [*lines, f"{scenario.name} {' and '.join(failures)}"] if failures else []
 
 
 def _warn(text: str) -> None:

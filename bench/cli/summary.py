@@ -56,6 +56,8 @@ def show_metrics(metrics: "Metrics", label: str = "") -> None:
         console.print(label)
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
+    if metrics.warnings.count:
+        console.print(str(metrics.warnings))
     if not metrics.complete:
         console.print("The run or its log is truncated: 'final' is the last value in the log.")
 

@@ -17,7 +17,7 @@ from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots
 from bench.conductor.outages import Outages
 from bench.cycle import time_of
-from bench.events import EcuFailed
+from bench.events import EcuFailed, EcuNote, Event, ProcessOutput
 from bench.names import PLANT
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
@@ -74,7 +74,7 @@ class Conductor(ABC):
         self._free = means.free
         self._outages = Outages(means.desk.plan)
         self._go_on = means.go_on
-        self._words: list[tuple[str, str]] = []
+        self._words: list[Event] = []
         self.cycle = 0
         self.misses: dict[str, int] = {}
         self.scheduling = ""
@@ -122,7 +122,11 @@ class Conductor(ABC):
 
     def words(self, name: str, text: str) -> None:
         """See `Listener`."""
-        self._words.append((name, text))
+        self._words.append(ProcessOutput(name, text))
+
+    def note(self, event: EcuNote) -> None:
+        """See `Listener`."""
+        self._words.append(event)
 
     def _sync(self, command: BenchCommand, cycle: int) -> list[BusFrame]:
         """Send the BenchSync of a cycle on all buses; return the frames, for the log."""

@@ -14,7 +14,7 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol
 
-from bench.bus.control_channel import Kind, ReportReader, Truth, read_truth
+from bench.bus.control_channel import Kind, ReportReader, Truth, read_note, read_truth
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
 from bench.bus.topic import Topic
@@ -22,6 +22,7 @@ from bench.conductor.fork_server import Child, Setup
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.linux import enlarge_pipe
 from bench.errors import RunFailed
+from bench.events import EcuNote
 from platoon_fmu.interpreter import python
 
 LAST_WORDS_BYTES = 8192
@@ -61,6 +62,9 @@ class Listener(Protocol):
 
     def words(self, name: str, text: str) -> None:
         """Take what the process `name` has written to its standard output or error."""
+
+    def note(self, event: EcuNote) -> None:
+        """Take what is to be noted of the values that an ECU sends."""
 
 
 class Crew(Protocol):
@@ -379,6 +383,8 @@ class ProcessCrew:
         for kind, payload in self._reader.feed(data):
             if kind is Kind.TRUTH:
                 self._listener.truth(read_truth(payload))
+            elif kind is Kind.NOTE:
+                self._listener.note(read_note(payload))
             else:
                 self._note(kind, payload)
         return False

@@ -74,7 +74,7 @@ class Recorder:
         frames: Iterable[BusFrame],
         truth: Iterable[Truth],
         strays: Iterable[tuple[str, int]],
-        words: Sequence[tuple[str, str]],
+        words: Sequence[events.Event],
         received_ns: Sequence[int] = (),
     ) -> None:
         """Record one cycle.
@@ -84,7 +84,7 @@ class Recorder:
             frames: all its frames.
             truth: its truth rows.
             strays: bus and identifier of unexpected frames; each is recorded once per run.
-            words: output of processes to their standard error, each with the process's name.
+            words: what processes have written or had noted.
             received_ns: arrival time of each frame (time.time_ns); if not given, now for all.
 
         Raises:
@@ -103,8 +103,8 @@ class Recorder:
                 if stray not in self._strays:
                     self._strays.add(stray)
                     self._writer.event(time_ns, events.StrayFrame(*stray))
-            for name, text in words:
-                self._writer.event(time_ns, events.ProcessOutput(name, text))
+            for event in words:
+                self._writer.event(time_ns, event)
             for name, usage in self._watch.samples():
                 self._writer.process(name, time_ns, usage)
 

@@ -26,6 +26,7 @@ from bench.conductor.direct import DirectCrew, Maker
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.options import RunOptions
 from bench.ecu.loading import load_classes, make_node
+from bench.events import EcuNote
 from bench.faults.plan import FaultPlan
 from bench.label import LABEL
 from bench.names import PLANT
@@ -78,7 +79,9 @@ class Stage:
             )
             return stack.enter_context(crew)
         names = [slot.name for slot in self._slots()]
-        return DirectCrew(self._plant(listener, stack), names, self._maker(stack), links, listener, interrupts)
+        return DirectCrew(
+            self._plant(listener, stack), names, self._maker(listener, stack), links, listener, interrupts
+        )
 
     def metadata(self) -> dict[str, str]:
         """The log's metadata before the run begins."""
@@ -142,16 +145,18 @@ class Stage:
 
         return [*make_nodes(self.options.scenario, self.fmu, link, self.codecs, truth, stack, self.plan)]
 
-    def _maker(self, stack: ExitStack) -> Maker:
+    def _maker(self, listener: Listener, stack: ExitStack) -> Maker:
+        def note(event: EcuNote) -> None:
+            listener.note(event)
+
         load_classes(self.options.ecus.values())
         slots = {slot.name: slot for slot in self._slots()}
 
         def make(name: str) -> tuple[Node, tuple[Topic, ...]]:
             slot = slots[name]
             links = {bus: stack.enter_context(open_link(bus, self.address)) for bus in slot.buses}
-            node, ecu = make_node(
-                self.options.ecus[slot.role], slot, self.options.scenario, links, self.codecs, self.plan
-            )
+            spec = self.options.ecus[slot.role]
+            node, ecu = make_node(spec, slot, self.options.scenario, links, self.codecs, self.plan, note)
             return node, tuple(ecu.inputs)
 
         return make

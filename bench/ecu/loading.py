@@ -13,6 +13,7 @@ from bench.ecu.base import Ecu
 from bench.ecu.checks import check_class, created
 from bench.ecu.own_folder import load_file, shadowed
 from bench.ecu.runtime import EcuNode
+from bench.ecu.sent_values import Note
 from bench.ecu.user_code import described
 from bench.errors import BadInput
 from bench.faults.plan import FaultPlan
@@ -122,11 +123,12 @@ def make_node(
     links: Mapping[str, Link],
     codecs: Mapping[str, Codec],
     plan: FaultPlan,
+    note: Note | None = None,
 ) -> tuple[EcuNode, Ecu]:
-    """Create an ECU of the class `spec` in its slot and connect it to its links.
+    """Create an ECU of the class `spec` in its slot and connect it to its links; `note` as of `EcuNode`.
 
     Raises:
         BadInput: the class cannot be loaded or created, or has inputs that are not on its buses.
     """
     ecu = created(load_class(spec, slot.role), spec, slot, scenario, codecs)
-    return EcuNode(slot.name, ecu, links, codecs, slot.sends(codecs), plan), ecu
+    return EcuNode(slot.name, ecu, links, codecs, slot.sends(codecs), plan, note=note), ecu

@@ -47,7 +47,8 @@ def serve_ecu(
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in slot.buses}
         plan = FaultPlan(scenario.faults, scenario.seed, channel.fault_board() if channel else None)
-        node, ecu = make_node(spec, slot, scenario, links, codecs, plan)
+        note = channel.note if channel else None
+        node, ecu = make_node(spec, slot, scenario, links, codecs, plan, note)
         if channel is None:
             there = ", ".join(f"{bus} at {address.place_of(bus)}" for bus in links)
             sys.stderr.write(f"{node.name} listens on {there}\n")

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import NamedTuple, Self
 
 from bench.bus.codec import Codec
@@ -10,18 +10,16 @@ from bench.bus.inbox import Inbox
 from bench.bus.link.base import Link
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
-from bench.bus.topic import Topic
+from bench.bus.topic import Outgoing, Topic
 from bench.cycle import time_of
 from bench.ecu.base import Ecu
+from bench.ecu.sent_values import Note, SentValues
 from bench.errors import BadInput
+from bench.events import EcuNote
 from bench.faults.plan import FaultPlan
 
 INPUT_WAIT_S = 0.005
 """In real time, default of `input_wait_s`: time in s after BenchSync for which an ECU waits for its inputs."""
-
-
-class SentNaN(UserWarning):
-    """An ECU's step has returned NaN values."""
 
 
 class _Due(NamedTuple):
@@ -51,6 +49,7 @@ class EcuNode:
         sends: Sequence[Topic] = (),
         plan: FaultPlan | None = None,
         clock: Callable[[], float] = time.monotonic,
+        note: Note | None = None,
     ) -> None:
         """Connect `ecu` to `links` (by bus name).
 
@@ -63,6 +62,7 @@ class EcuNode:
                 announced as absent when it is due. An ECU may leave out diagnostics, but receivers miss protected ones.
             plan: the faults of the run.
             clock: time (s) for the wait for inputs.
+            note: takes what is wrong with the values that the ECU sends; if not given, they are Python warnings.
 
         Raises:
             BadInput: an input does not exist on these buses or has no alive counter.
@@ -81,6 +81,7 @@ class EcuNode:
             raise BadInput(f"{name}: {error}") from None
         self._outbox = Outbox(name, links, codecs, plan)
         self._silent: set[Topic] = set()
+        self._sent_values = SentValues(name, {bus: codecs[bus] for bus in links}, note or _warn)
 
     @property
     def links(self) -> tuple[Link, ...]:
@@ -139,27 +140,35 @@ class EcuNode:
     def _step(self) -> None:
         cycle, lockstep = self._inbox.cycle, not self._inbox.realtime
         inputs = self._inbox.take()
-        not_numbers = self._not_numbers()
-        sent = set()
-        for outgoing in self._ecu.step(cycle, time_of(cycle), inputs, self._inbox.health):
-            sent.add((outgoing.bus, outgoing.message))
-            self._outbox.put(outgoing.bus, outgoing.message, outgoing.values)
+        outgoing = [*self._ecu.step(cycle, time_of(cycle), inputs, self._inbox.health)]
+        whole = [each for each in outgoing if self._sent_values.are_numbers(each, cycle)]
+        for each in whole:
+            self._outbox.put(each.bus, each.message, each.values)
         self._outbox.send(cycle, lockstep=lockstep)
+        self._announce_absent({(each.bus, each.message) for each in whole}, outgoing, cycle, lockstep=lockstep)
+
+    def _announce_absent(
+        self, sent: Set[tuple[str, str]], asked: Iterable[Outgoing], cycle: int, *, lockstep: bool
+    ) -> None:
+        """Report the due messages that are not `sent`, and warn of those that were not even `asked` for."""
+        known = {(each.bus, each.message) for each in asked}
         for due in self._due:
-            if cycle % due.period == 0 and (due.topic.bus, due.topic.message) not in sent:
-                self._keep_silent(due, cycle, lockstep=lockstep)
-        if self._not_numbers() > not_numbers:
-            text = f"{self.name}: in cycle {cycle} it sent NaN, replaced by start values"
-            warnings.warn(text, SentNaN, stacklevel=2)
+            topic, can_id, period, protected = due
+            place = (topic.bus, topic.message)
+            if cycle % period or place in sent:
+                continue
+            if lockstep:
+                # The others would wait for it.
+                self._outbox.absent(topic.bus, can_id, cycle)
+            if protected and place not in known and topic not in self._silent:
+                self._silent.add(topic)
+                warnings.warn(f"{self.name}: in cycle {cycle} it does not send {topic.message}", stacklevel=2)
 
-    def _keep_silent(self, due: _Due, cycle: int, *, lockstep: bool) -> None:
-        """Report a message as absent: in lockstep the others would wait for it."""
-        topic = due.topic
-        if lockstep:
-            self._outbox.absent(topic.bus, due.can_id, cycle)
-        if due.protected and topic not in self._silent:
-            self._silent.add(topic)
-            warnings.warn(f"{self.name}: in cycle {cycle} it does not send {topic.message}", stacklevel=2)
+    @property
+    def not_numbers(self) -> int:
+        """Number of values that the ECU has sent and that are not numbers; their messages were not sent."""
+        return self._sent_values.not_numbers
 
-    def _not_numbers(self) -> int:
-        return sum(self._codecs[bus].not_numbers for bus in self._links)
+
+def _warn(note: EcuNote) -> None:
+    warnings.warn(f"{note.source}: in cycle {note.cycle} {note.text}", stacklevel=2)

@@ -1,14 +1,12 @@
 """One ECU to be run again, and the outcome: the input and output of a separate process."""
 
 import traceback
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from bench.bus.topic import Topic
 from bench.conductor.crew import Ended
 from bench.cycle import time_of
-from bench.ecu.runtime import SentNaN
 from bench.errors import BadInput, BenchError
 from bench.faults.base import Fault
 from bench.record.compare import SignalDifference
@@ -55,7 +53,7 @@ class Outcome:
         cycles: cycles that have been compared.
         steps: number of steps the ECU did.
         waited: number of cycles without a step although it sent something then.
-        not_numbers: number of NaN values it sent, replaced by start values.
+        not_numbers: number of values it sent that are not numbers; their messages were not sent.
         not_there: inputs that the log does not have at all.
         differing: frames whose bytes differ, or that only one side has.
         beyond: those of them that differ by more than the tolerance.
@@ -99,19 +97,16 @@ def work(job: Job, limit: StepLimit) -> Outcome:
     if not job.log.end:
         return Outcome(job.name, job.spec, error="the log has no whole cycle of its buses")
     comparison = Comparison(job.log, job.tolerance)
-    error, bad_input, steps = "", False, 0
-    not_numbers = sum(codec.not_numbers for codec in job.log.codecs.values())
+    error, bad_input, steps, not_numbers = "", False, 0, 0
     inputs: tuple[Topic, ...] = ()
     try:
-        with warnings.catch_warnings(), Rerun(job.log, job.spec, job.scenario, job.faults, limit) as rerun:
-            # The outcome has their number; one line per cycle would add nothing.
-            warnings.simplefilter("ignore", SentNaN)
+        with Rerun(job.log, job.spec, job.scenario, job.faults, limit) as rerun:
             inputs = rerun.witness.inputs
             try:
                 for step in rerun:
                     comparison.add(step, rerun.witness.seen.get(step.cycle))
             finally:
-                steps = rerun.steps
+                steps, not_numbers = rerun.steps, rerun.not_numbers
     except Ended as failure:
         error = f"after {time_of(comparison.cycles):.3f} s {failure}{_where(failure)}"
     except BenchError as failure:
@@ -128,7 +123,7 @@ def work(job: Job, limit: StepLimit) -> Outcome:
         cycles=comparison.cycles,
         steps=steps,
         waited=comparison.waited,
-        not_numbers=sum(codec.not_numbers for codec in job.log.codecs.values()) - not_numbers,
+        not_numbers=not_numbers,
         not_there=tuple(topic for topic in inputs if not job.log.has(topic)),
         differing=comparison.differing,
         beyond=comparison.beyond,

@@ -26,6 +26,7 @@ from bench.cycle import time_of
 from bench.ecu.checks import created
 from bench.ecu.loading import load_class
 from bench.ecu.runtime import EcuNode
+from bench.events import EcuNote
 from bench.faults.base import Fault
 from bench.faults.plan import FaultPlan, is_off
 from bench.resim.realtime_log import Feed, Naming
@@ -56,6 +57,7 @@ class Rerun:
     Attributes:
         witness: the present ECU; after a crash a new one.
         steps: number of steps done.
+        not_numbers: number of values sent that are not numbers.
     """
 
     def __init__(self, log: EcuLog, spec: str, scenario: Scenario, faults: Sequence[Fault], limit: StepLimit) -> None:
@@ -81,6 +83,7 @@ class Rerun:
         self._sent: list[BusFrame] = []
         self._now_s = 0.0
         self._witnesses: list[Witness] = []
+        self._nodes: list[EcuNode] = []
         self._stack = ExitStack()
         name = log.slot.name
         mine = [fault for fault in faults if fault.outage and fault.outage.ecu == name]
@@ -103,6 +106,11 @@ class Rerun:
     def steps(self) -> int:
         """See the class."""
         return sum(witness.steps for witness in self._witnesses)
+
+    @property
+    def not_numbers(self) -> int:
+        """See the class."""
+        return sum(node.not_numbers for node in self._nodes)
 
     @property
     def witness(self) -> Witness:
@@ -128,6 +136,9 @@ class Rerun:
     def words(self, name: str, text: str) -> None:
         """See `bench.conductor.crew.Listener`; an ECU in this process prints to this process's output."""
 
+    def note(self, event: EcuNote) -> None:
+        """See `bench.conductor.crew.Listener`; `not_numbers` has their number, and the log those of the run."""
+
     def _make(self, _name: str) -> tuple[Node, tuple[Topic, ...]]:
         slot, codecs = self._log.slot, self._log.codecs
         self._fresh = True
@@ -137,7 +148,9 @@ class Rerun:
         self._witnesses.append(witness)
         links = {bus: DirectLink(bus, self._hub) for bus in codecs}
         sends = slot.sends(codecs)
-        node = EcuNode(slot.name, witness, links, codecs, sends, self._plan, clock=lambda: self._now_s)
+        clock = lambda: self._now_s  # noqa: E731
+        node = EcuNode(slot.name, witness, links, codecs, sends, self._plan, clock=clock, note=self.note)
+        self._nodes.append(node)
         return node, witness.inputs
 
     def _work(self) -> list[BusFrame]:

@@ -40,7 +40,7 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
         yield f"  in {outcome.waited} cycles it waits and does no step, as {what}"
     if outcome.not_numbers:
         times = "once" if outcome.not_numbers == 1 else f"{outcome.not_numbers} times"
-        yield f"  {times} it sent a value that is NaN, replaced by the signal's start value"
+        yield f"  {times} a value that it sent is not a number (NaN or infinite); the message is not sent"
     if outcome.alone:
         yield from (f"  {line}" for line in outcome.alone)
     if outcome.signals:

@@ -123,6 +123,7 @@ class Scenario(BaseModel):
     Attributes:
         buses: place of each bus, by name (`v2v`, `veh1` ...) or `all`, as for `--can`, which takes precedence.
         on_ecu_failure: whether the run ends or continues if an ECU exits or falls silent without a fault.
+        on_not_a_number: whether a run counts as failed if an ECU's command is not a number (NaN or infinite).
     """
 
     model_config = STRICT
@@ -138,6 +139,7 @@ class Scenario(BaseModel):
     tracker: TrackerSettings = TrackerSettings()
     faults: tuple[AnyFault, ...] = ()
     on_ecu_failure: Literal["end", "continue"] = "end"
+    on_not_a_number: Literal["fail", "allow"] = "fail"
     buses: dict[str, str] = {}
 
     @property

@@ -34,7 +34,7 @@ from bench.conductor.stage import Stage
 from bench.cycle import CYCLE_NS
 from bench.ecu.loading import load_class
 from bench.errors import RunFailed
-from bench.events import DeadlineMet, DeadlineMissed, EcuFailed
+from bench.events import DeadlineMet, DeadlineMissed, EcuFailed, EcuNote
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
 from bench.record import Run, RunWriter
@@ -275,6 +275,9 @@ class Frames:
 
     def words(self, name: str, text: str) -> None:
         raise AssertionError(f"{name}: {text}")
+
+    def note(self, event: EcuNote) -> None:
+        raise AssertionError(event.text)
 
 
 def test_where_nobody_is_late_the_frames_are_those_of_lockstep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,9 @@
 """A node on direct links: when it steps, with what, and what it counts."""
 
+import math
 from collections.abc import Mapping
 
+import numpy as np
 import pytest
 
 from bench.bus.codec import EncodeError, load_codecs
@@ -12,6 +14,7 @@ from bench.bus.reception import Reception, ReceptionState
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
+from bench.events import Clipped, EcuNote, NotANumber, NumberAgain
 
 MOTION = Topic("veh1", "VehicleMotion")
 PEER = Topic("v2v", "V2VPosition_2")
@@ -351,9 +354,67 @@ def test_a_signal_left_out_is_sent_with_its_start_value(rig: Rig) -> None:
     assert values["VelocityX"] == CODECS["veh1"].start_values("Reference")["VelocityX"]
 
 
-def test_a_value_that_is_no_number_is_said_aloud(rig: Rig) -> None:
-    rig.ecu.answer = [Outgoing("veh1", "Reference", {"YawRate": float("nan")})]
-    with pytest.warns(UserWarning, match=r"veh1\.planner: in cycle 0 it sent NaN"):
+NOT_NUMBERS = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf")]
+
+
+@pytest.mark.parametrize("value", NOT_NUMBERS, ids=repr)
+def test_a_message_with_a_value_that_is_not_a_number_is_not_sent(rig: Rig, value: float) -> None:
+    """Any number in its place would be obeyed: receivers of none hold, and then go to their safe state."""
+    notes: list[EcuNote] = []
+    topics = [Topic("veh1", "Reference"), STATUS]
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, topics, note=notes.append)
+    good = Outgoing("veh1", "PlannerStatus", {"Slot": 3})
+    bad = Outgoing("veh1", "Reference", {"YawRate": value, "VelocityX": 20.0})
+    rig.ecu.answer = [bad, good]
+    for cycle in (0, 1, 2):
+        rig.cycle(cycle)
+        sent = [CODECS["veh1"].decode(*frame) for frame in rig.far["veh1"].receive()]
+        assert [name for name, _ in sent] == ["PlannerStatus", "BenchAbsent"]
+        assert sent[1][1]["Identifier"] == 0x200
+    rig.ecu.answer = [Outgoing("veh1", "Reference", {"YawRate": 0.1}), good]
+    rig.cycle(3)
+    assert len(rig.far["veh1"].receive()) == 2
+    # Once, not in every cycle: it may last.
+    assert notes == [
+        NotANumber("veh1.planner", 0, "Reference", "YawRate", str(float(value)), command=True),
+        NumberAgain("veh1.planner", 3, "Reference", "YawRate", 3),
+    ]
+    assert notes[0].level == "error"
+    assert rig.node.not_numbers == 3
+
+
+def test_a_diagnostic_that_is_not_a_number_is_not_sent_either(rig: Rig) -> None:
+    notes: list[EcuNote] = []
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, [STATUS], note=notes.append)
+    rig.ecu.answer = [Outgoing("veh1", "PlannerStatus", {"OptimisationCost": math.nan, "Slot": 1})]
+    rig.cycle(0)
+    assert absent(rig) == [0x500]
+    assert notes == [NotANumber("veh1.planner", 0, "PlannerStatus", "OptimisationCost", "nan", command=False)]
+    assert notes[0].level == "warning"
+
+
+def test_a_value_outside_its_range_is_sent_as_the_end_of_it_and_that_is_said_once(rig: Rig) -> None:
+    notes: list[EcuNote] = []
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, note=notes.append)
+    for cycle, rate in enumerate((-1.5, 0.0, 7.0)):
+        rig.ecu.answer = [Outgoing("veh1", "Reference", {"YawRate": rate, "VelocityX": 65.0})]
+        rig.cycle(cycle)
+    sent = [CODECS["veh1"].decode(*frame)[1]["YawRate"] for frame in rig.far["veh1"].receive()]
+    assert sent == pytest.approx([-1.0, 0.0, 1.0])
+    assert notes == [Clipped("veh1.planner", 0, "Reference", "YawRate", -1.5, -1.0)]
+
+
+def test_times_of_the_wall_clock_may_be_too_long_for_their_signal(rig: Rig) -> None:
+    notes: list[EcuNote] = []
+    rig.node = EcuNode("veh1.planner", rig.ecu, rig.near, CODECS, note=notes.append)
+    rig.ecu.answer = [Outgoing("veh1", "PlannerTiming", {"StepTime": 9e9})]
+    rig.cycle(0)
+    assert notes == []
+
+
+def test_where_nobody_takes_notes_they_are_warnings(rig: Rig) -> None:
+    rig.ecu.answer = [Outgoing("veh1", "Reference", {"YawRate": math.nan})]
+    with pytest.warns(UserWarning, match=r"veh1\.planner: in cycle 0 Reference\.YawRate = nan is not a number"):
         rig.cycle(0)
 
 

@@ -1,7 +1,9 @@
 """ECUs that misbehave in one way each, for the tests of what the bench makes of it."""
 
 import ctypes
+import dataclasses
 import json
+import math
 import sys
 import threading
 from collections.abc import Mapping
@@ -80,6 +82,21 @@ class TaciturnTracker(_Wrapped):
 
     def answer(self, cycle: int, outgoing: list[Outgoing]) -> list[Outgoing]:
         return [message for message in outgoing if cycle < CYCLE or message.message != "TorqueCommandRear"]
+
+
+class NanTracker(_Wrapped):
+    """From that cycle on, for ten cycles, it steers by NaN; its torques are too large for their signals."""
+
+    kind = _SpeedTracker
+
+    def answer(self, cycle: int, outgoing: list[Outgoing]) -> list[Outgoing]:
+        bad = self._vehicle == 2 and CYCLE <= cycle < CYCLE + 10
+        return [self._worse(message) for message in outgoing] if bad else outgoing
+
+    @staticmethod
+    def _worse(message: Outgoing) -> Outgoing:
+        values = {"SteeringCommand": {"SteeringAngle": math.nan}, "TorqueCommandFront": {"TorqueFL": 1e6}}
+        return dataclasses.replace(message, values={**message.values, **values.get(message.message, {})})
 
 
 class QuittingTracker(_Wrapped):
