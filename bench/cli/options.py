@@ -30,6 +30,16 @@ Overrides = Annotated[
     typer.Option("--set", metavar="KEY=VALUE", help="Override a key of the scenario: --set vehicles.0.x_m=5.0"),
 ]
 Seed = Annotated[int | None, typer.Option(help="Override the scenario's seed.")]
+LiveOrigins = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--live-origin",
+        metavar="URL",
+        help="Another web page that may connect as Foxglove does, such as a Lichtblick of your own: "
+        "http://localhost:8080; may be repeated. Foxglove's and the desktop applications may.",
+        show_default=False,
+    ),
+]
 
 
 def report_path(log: Path) -> Path:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.options import Log, report_path
+from bench.cli.options import LiveOrigins, Log, report_path
 from bench.cli.output import say_json
 from bench.files import check_report, readable_log
 
@@ -102,12 +102,13 @@ def live(
     address: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Where to listen, for Foxglove on the port after it.")
     ] = "127.0.0.1:0",
+    origin: LiveOrigins = None,
 ) -> None:
     """Serve a log's page as `run --live` does, even while it is being written, until Ctrl-C."""
     from bench.live.address import LiveAddress
     from bench.live.session import check_available
 
-    where = LiveAddress.parse(address)
+    where = LiveAddress.parse(address, origin or ())
     check_available()
     from bench.live.alone import serve_alone
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.fmu import say_first_use, vehicle_fmu
-from bench.cli.options import EXIT_CODES, LOGS, Buses, Overrides, ScenarioName, Seed, report_path
+from bench.cli.options import EXIT_CODES, LOGS, Buses, LiveOrigins, Overrides, ScenarioName, Seed, report_path
 from bench.errors import BadInput
 from bench.files import check_directory, check_new
 from bench.label import checked_label
@@ -75,6 +75,7 @@ def run(
             help="Where --live listens, Foxglove on the port after it; a free port of 127.0.0.1 if not given.",
         ),
     ] = None,
+    live_origin: LiveOrigins = None,
 ) -> None:
     """Run a scenario, write its log and report, and show its metrics."""
     from bench.bus.link.address import Address
@@ -90,7 +91,11 @@ def run(
     fmu = _prepared_fmu()
 
     with ExitStack() as stack:
-        session = stack.enter_context(_live(log, live_address)) if live or live_address else None
+        session = (
+            stack.enter_context(_live(log, live_address, live_origin or []))
+            if live or live_address or live_origin
+            else None
+        )
         from bench.cli.summary import following, show_metrics, show_timing
         from bench.conductor import run as conductor
         from bench.conductor.options import RunOptions
@@ -218,16 +223,16 @@ def fault(
     typer.echo(f"{kind} at {answer['at_s']:g} s in {answer['log']}")
 
 
-def _live(log: Path, address: str | None) -> "AbstractContextManager[LiveSession]":
+def _live(log: Path, address: str | None, origins: list[str]) -> "AbstractContextManager[LiveSession]":
     """Serve a log while the context lasts.
 
     Raises:
-        BadInput: not an address, or the packages for it are not installed.
+        BadInput: not an address or origin, or the packages for it are not installed.
     """
     from bench.live.address import DEFAULT, LiveAddress
     from bench.live.session import live
 
-    return live(log, LiveAddress.parse(address or DEFAULT), _warn)
+    return live(log, LiveAddress.parse(address or DEFAULT, origins), _warn)
 
 
 def _prepared_fmu() -> Path:

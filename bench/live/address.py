@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ipaddress
 import socket
+from collections.abc import Sequence
 from dataclasses import dataclass
+from urllib.parse import urlsplit
 
 from bench.errors import BadInput
 
@@ -18,17 +20,19 @@ class LiveAddress:
     Attributes:
         host: a name or address of this machine.
         port: of the page; Foxglove's is the next one. 0 for any two.
+        origins: of web pages that may connect to Foxglove's, besides the usual ones, as browsers send them.
     """
 
     host: str
     port: int
+    origins: tuple[str, ...] = ()
 
     @classmethod
-    def parse(cls, text: str) -> LiveAddress:
-        """Return the address that `text` names.
+    def parse(cls, text: str, origins: Sequence[str] = ()) -> LiveAddress:
+        """Return the address that `text` names, with further origins as `--live-origin` takes them.
 
         Raises:
-            BadInput: it is not HOST:PORT.
+            BadInput: it is not HOST:PORT, or one of `origins` is not an origin.
         """
         host, colon, port = text.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
@@ -37,7 +41,7 @@ class LiveAddress:
                 f"{text!r} is not an address to listen on: want HOST:PORT with a port of 0 (any) to 65534, for example "
                 f"{DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"
             )
-        return cls(host, int(port))
+        return cls(host, int(port), tuple(map(_origin, origins)))
 
     @property
     def foxglove_port(self) -> int:
@@ -72,6 +76,27 @@ def _host_of(authority: str) -> str:
     if authority.startswith("["):
         return authority[1:].partition("]")[0].lower()
     return authority.partition(":")[0].lower()
+
+
+def _origin(text: str) -> str:
+    """Return an origin, SCHEME://HOST[:PORT], as a browser sends it.
+
+    Raises:
+        BadInput: it is not one.
+    """
+    try:
+        parts = urlsplit(text)
+        port = parts.port
+    except ValueError:
+        parts, port = urlsplit(""), None
+    default = {"http": 80, "https": 443}.get(parts.scheme)
+    if default is None or not parts.hostname or parts.path not in ("", "/") or parts.query or "@" in parts.netloc:
+        raise BadInput(
+            f"--live-origin {text}: want the address of a viewer's page, SCHEME://HOST or SCHEME://HOST:PORT with http "
+            "or https: http://localhost:8080"
+        )
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    return f"{parts.scheme}://{host}" if port in (None, default) else f"{parts.scheme}://{host}:{port}"
 
 
 def _is_any(host: str) -> bool:

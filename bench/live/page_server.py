@@ -14,12 +14,10 @@ from websockets.http11 import Request, Response
 
 from bench.errors import BadInput
 from bench.live.address import LiveAddress
+from bench.live.door import Door, Limits
 from bench.live.feed import Feed, Place
 
 MAX_VIEWERS = 32
-CLOSE_S = 2.0
-"""Wall-clock time in s that a viewer has to close its connection."""
-
 OPENING_S = 1.0
 """Wall-clock time in s that a browser that has been given the page may take to open the feed."""
 
@@ -32,9 +30,12 @@ _FEED = "/feed"
 class PageServer:
     """The page's server."""
 
-    def __init__(self, address: LiveAddress, feed: Feed, page: Callable[[], Awaitable[str]]) -> None:
+    def __init__(
+        self, address: LiveAddress, feed: Feed, page: Callable[[], Awaitable[str]], limits: Limits | None = None
+    ) -> None:
         """Serve what `page` gives, and `feed`."""
         self._address = address
+        self.door = Door(address, limits=limits)
         self._feed = feed
         self._page = page
         self._server: Server | None = None
@@ -62,9 +63,7 @@ class PageServer:
                 # Viewers send nothing.
                 max_size=1024,
                 max_queue=1,
-                compression=None,
-                close_timeout=CLOSE_S,
-                server_header=None,
+                **self.door.settings(),
             )
         except OSError as error:
             raise BadInput(f"cannot listen on {host}:{port}: {error.strerror or error}") from error
@@ -88,9 +87,9 @@ class PageServer:
 
     async def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """Answer a request; None lets the WebSocket be opened."""
-        host = request.headers.get("Host", "")
-        if not self._address.is_own(host):
-            return connection.respond(403, "Open this page by an address or the name of this machine.\n")
+        refusal = self.door.refusal(request.headers)
+        if refusal is not None:
+            return connection.respond(403, refusal)
         path = urlsplit(request.path).path
         if path == "/":
             page = await self._page()
@@ -98,9 +97,9 @@ class PageServer:
             return _html(page)
         if path != _FEED:
             return connection.respond(404, "Only / and /feed exist here.\n")
-        origin = request.headers.get("Origin")
-        if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
-            return connection.respond(403, "Only the page that is served here may open its feed.\n")
+        refusal = self.door.refusal_of_origin(request.headers)
+        if refusal is not None:
+            return connection.respond(403, refusal)
         if len(self._viewers) >= MAX_VIEWERS:
             return connection.respond(503, f"There are {MAX_VIEWERS} viewers already.\n")
         return None

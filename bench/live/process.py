@@ -1,4 +1,4 @@
-"""The live server's process: its argument is a JSON object (log, host, port, parent), its standard input the lifeline.
+"""The live server's process: its argument is a JSON object (log, address, parent), its standard input the lifeline.
 
 It prints one JSON object, `served` or `refused`, once it listens or cannot. When its standard input ends, the run is
 over: viewers get the end, and the process exits. It also exits once the log has ended.
@@ -34,7 +34,7 @@ def main() -> None:
     # The page says what is wrong with a log, and here it always lacks its end.
     warnings.simplefilter("ignore", LogDamaged)
     try:
-        asyncio.run(_serve(Path(given["log"]), LiveAddress(given["host"], given["port"])))
+        asyncio.run(_serve(Path(given["log"]), LiveAddress(**given["address"])))
     except BadInput as error:
         sys.exit(str(error))
 

@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.errors import BadInput
 from bench.live.address import LiveAddress
 from bench.live.cursor import SPAN_NS, Cursor, Span
 from bench.live.feed import Feed
@@ -58,7 +57,7 @@ class LiveServer:
         self._page = LivePage(log, self._feed)
         self._page_server = PageServer(address, self._feed, self._page.html)
         self._page_cursor = Cursor()
-        self._foxglove: FoxgloveServer | None = None
+        self._foxglove = FoxgloveServer(log.name, address)
         self._foxglove_cursor = Cursor()
         self._heads = 0
 
@@ -70,9 +69,8 @@ class LiveServer:
         """
         self._tail.poll()
         port = await self._page_server.start()
-        address = self._address
-        self._foxglove = FoxgloveServer(self._tail.path.name, address.host, address.foxglove_port)
-        return Served(address.url("http", port), address.url("ws", self._foxglove.port))
+        foxglove_port = await self._foxglove.start()
+        return Served(self._address.url("http", port), self._address.url("ws", foxglove_port))
 
     async def follow(self, over: asyncio.Event) -> None:
         """Send news to viewers until the log has ended or `over` is set.
@@ -97,11 +95,9 @@ class LiveServer:
 
     async def stop(self) -> None:
         """Give viewers some time to receive the rest, and close all connections."""
-        if self._foxglove is not None:
-            await asyncio.to_thread(self._foxglove.stop)
         with suppress(TimeoutError):
             async with asyncio.timeout(GOODBYE_S):
-                await self._page_server.stop()
+                await asyncio.gather(self._foxglove.stop(), self._page_server.stop())
         self._tail.close()
 
     async def _follow_for_foxglove(self, over: asyncio.Event) -> None:
@@ -119,8 +115,6 @@ class LiveServer:
 
     async def _tell_foxglove(self, span: Span, within_s: float) -> None:
         """Send a span of time to Foxglove; later viewers do not get it again."""
-        if self._foxglove is None:
-            raise BadInput("the live server has not been started")
         self._foxglove_cursor.told_ns = span.end_ns
         if self._tail.heads > self._heads:
             self._heads = self._tail.heads

@@ -9,6 +9,7 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,8 +23,8 @@ START_S = 60.0
 END_S = 30.0
 """Wall-clock time in s that it may take to show the complete run to viewers, before it is killed."""
 
-PACKAGES = {"foxglove": "foxglove-sdk", "websockets": "websockets"}
-"""Module -> package, of what the server needs beyond the bench."""
+PACKAGES = ("websockets",)
+"""What the server needs beyond the bench."""
 
 
 def check_available() -> None:
@@ -32,7 +33,7 @@ def check_available() -> None:
     Raises:
         BadInput: they are not installed.
     """
-    missing = [name for module, name in PACKAGES.items() if find_spec(module) is None]
+    missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         raise BadInput(f"the live page needs {' and '.join(missing)}; install it with: pip install {' '.join(missing)}")
 
@@ -46,7 +47,7 @@ class LiveSession:
         self._warned = False
         self._closing = ExitStack()
         self._last_words = self._closing.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - it is
-        given = {"log": str(log.absolute()), "host": address.host, "port": address.port, "parent": os.getpid()}
+        given = {"log": str(log.absolute()), "address": asdict(address), "parent": os.getpid()}
         self._process = python(
             "bench.live.process",
             json.dumps(given),

@@ -54,6 +54,7 @@ class Bench:
     process: subprocess.Popen[str]
     out: Path
     page: str
+    foxglove_port: int
 
     def end(self) -> tuple[int, str]:
         """Wait for its end; exit code and standard error."""
@@ -90,13 +91,13 @@ class Bench:
                 return
 
 
-def page_of(process: subprocess.Popen[str]) -> str:
-    """URL of the page that a process says it serves."""
+def served_by(process: subprocess.Popen[str]) -> tuple[str, int]:
+    """URL of the page that a process says it serves, and the port for Foxglove."""
     assert process.stdout is not None
     line = process.stdout.readline()
-    found = re.fullmatch(r"live: (http://127\.0\.0\.1:\d+/)  foxglove: ws://127\.0\.0\.1:\d+\n", line)
+    found = re.fullmatch(r"live: (http://127\.0\.0\.1:\d+/)  foxglove: ws://127\.0\.0\.1:(\d+)\n", line)
     assert found, line
-    return found[1]
+    return found[1], int(found[2])
 
 
 Start = Callable[..., Bench]
@@ -117,7 +118,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             text=True,
             start_new_session=True,
         )
-        benches.append(Bench(process, out, page_of(process)))
+        benches.append(Bench(process, out, *served_by(process)))
         return benches[-1]
 
     yield begin

@@ -28,9 +28,9 @@ class Viewer:
     shown: list[tuple[int, int]] = field(default_factory=list)
 
     @classmethod
-    async def connect(cls, url: str, name: str) -> "Viewer":
+    async def connect(cls, url: str, name: str, protocol: str = "foxglove.sdk.v1") -> "Viewer":
         """Connect to a server, which is to have this name."""
-        socket = await connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None)
+        socket = await connect(url, subprotocols=[Subprotocol(protocol)], max_size=None)
         info = json.loads(await socket.recv())
         assert (info["op"], info["name"], info["capabilities"]) == ("serverInfo", name, ["time"])
         return cls(socket)

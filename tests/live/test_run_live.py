@@ -16,7 +16,7 @@ from bench.live import session
 from bench.record import diff
 from bench.record.reader import Run
 
-from .conftest import GUARD_S, Bench, Start, page_of
+from .conftest import GUARD_S, Bench, Start, served_by
 
 
 def test_a_viewer_sees_the_run_which_is_none_the_worse(start: Start, whole_log: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_whole_log_is_served_until_ctrl_c(whole_log: Path) -> None:
     command = [sys.executable, "-m", "bench.cli", "live", str(whole_log)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        bench = Bench(process, whole_log, page_of(process))
+        bench = Bench(process, whole_log, *served_by(process))
         assert '"live":true' in bench.html()
         (told,) = bench.told(1)
         assert told["replace"]["status"] == "completed"
@@ -121,6 +121,6 @@ def test_a_whole_log_is_served_until_ctrl_c(whole_log: Path) -> None:
 
 
 def test_packages_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(session.PACKAGES, "no_such_module", "no-such-package")
+    monkeypatch.setattr(session, "PACKAGES", ("no-such-package",))
     with pytest.raises(BadInput, match=r"needs no-such-package; .*pip install no-such-package"):
         session.check_available()
