@@ -22,7 +22,8 @@ CHECK     := $(addprefix tests/,bus faults conductor control ecu plant integrati
 # The tests of the files listed in pyproject.toml under [tool.coverage.run].
 SAFETY    := $(addprefix tests/,bus/test_e2e.py bus/test_inbox.py bus/test_outbox.py faults control/test_certificate.py \
 	ecu/test_plausibility.py plant/test_actuators.py)
-ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tracker.py integration/test_own_ecu.py)
+ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tracker.py integration/test_own_ecu.py \
+	integration/test_any_frame.py)
 
 .PHONY: setup run check test coverage mutation nightly lint lint-c lint-js docs dist bench references clean
 .DELETE_ON_ERROR:

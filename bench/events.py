@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
+from enum import StrEnum
 from typing import Any, ClassVar, Literal, Protocol
 
 from bench.names import ACTUATORS, CONDUCTOR, vehicle_of
@@ -334,25 +335,116 @@ class ReceptionErrors(_Kind):
         return f"{self.message}: FramesLost {self.frames_lost}, E2EErrors {self.e2e_errors}"
 
 
+class Refusal(StrEnum):
+    """Why the conductor refuses a frame; each value completes a sentence about it in `REFUSAL_TEXTS`."""
+
+    NOT_DUE = "not_due"
+    """Whole, but not due in the cycle it came in, or it came twice."""
+    UNKNOWN = "unknown_identifier"
+    """The DBC file has no such identifier; so it is with all of 29 bits."""
+    LENGTH = "wrong_length"
+    """It does not have as many bytes as the DBC file gives its message."""
+    DAMAGED = "wrong_crc"
+    """Its CRC is wrong, or its alive counter is 15."""
+    IMPLAUSIBLE = "implausible_sync"
+    """A BenchSync whose cycle does not follow, or that only the conductor sends."""
+    REMOTE = "remote_frame"
+    ERROR = "error_frame"
+    FD = "fd_frame"
+    MALFORMED = "malformed"
+    """Not a frame at all, such as any datagram on a UDP port."""
+
+
+REFUSAL_TEXTS: Mapping[str, str] = {
+    Refusal.NOT_DUE: "not due in the cycle it came in, or came twice",
+    Refusal.UNKNOWN: "of an identifier that the bus does not have",
+    Refusal.LENGTH: "of a wrong length",
+    Refusal.DAMAGED: "with a wrong CRC or alive counter",
+    Refusal.IMPLAUSIBLE: "BenchSync of a cycle that does not follow",
+    Refusal.REMOTE: "remote frame",
+    Refusal.ERROR: "error frame",
+    Refusal.FD: "CAN FD frame",
+    Refusal.MALFORMED: "not a CAN frame",
+}
+
+
 @dataclass(frozen=True)
 class StrayFrame(_Kind):
-    """A frame arrived that is not due in its cycle, or arrived twice; recorded once per run, bus and identifier.
+    """A frame arrived that does not belong to the run and is refused; the first of its bus, identifier and reason.
 
     Attributes:
         bus: the bus of the frame.
-        can_id: its identifier.
+        can_id: its identifier, with bit 31 set if it is of 29 bits; None if it has none.
+        why: why it is refused, a `Refusal`; logs of older versions have only those that are not due.
+        length: its length in bytes; None if unknown.
     """
 
     kind: ClassVar[str] = "stray_frame"
     level: ClassVar[Level] = "warning"
     source: ClassVar[str] = CONDUCTOR
     bus: str
-    can_id: int
+    can_id: int | None
+    why: str = Refusal.NOT_DUE
+    length: int | None = None
 
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"frame 0x{self.can_id:03X} on {self.bus} is not due in the cycle it came in, or came twice"
+        frame = "frame" if self.can_id is None else f"frame 0x{self.can_id:03X}"
+        if self.why == Refusal.NOT_DUE:
+            return f"{frame} on {self.bus} is not due in the cycle it came in, or came twice"
+        size = "" if self.length is None else f" ({self.length} byte{'' if self.length == 1 else 's'})"
+        return f"{frame} on {self.bus}{size} is refused: {REFUSAL_TEXTS.get(self.why, self.why)}"
+
+
+@dataclass(frozen=True)
+class FramesRefused(_Kind):
+    """The run has ended, and the conductor has refused frames of a bus.
+
+    Attributes:
+        bus: the bus.
+        counts: number of frames refused by reason, a `Refusal`.
+        identifiers: the same by reason and identifier, 0x107; those without one, and those beyond the first few
+            dozen identifiers, are "others".
+    """
+
+    kind: ClassVar[str] = "frames_refused"
+    level: ClassVar[Level] = "warning"
+    source: ClassVar[str] = CONDUCTOR
+    bus: str
+    counts: Mapping[str, int]
+    identifiers: Mapping[str, Mapping[str, int]]
+
+    @property
+    def kinds(self) -> str:
+        """The counts as text."""
+        return ", ".join(f"{count} {REFUSAL_TEXTS.get(why, why)}" for why, count in self.counts.items())
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        return f"{sum(self.counts.values())} frames on {self.bus} were refused in the run: {self.kinds}"
+
+
+@dataclass(frozen=True)
+class FramesLost(_Kind):
+    """The conductor has lost frames of a bus, which its receive queue had no room for: they are not in the log.
+
+    Attributes:
+        bus: the bus.
+        frames_lost: number of frames it has lost in the run.
+    """
+
+    kind: ClassVar[str] = "frames_lost"
+    level: ClassVar[Level] = "error"
+    source: ClassVar[str] = CONDUCTOR
+    bus: str
+    frames_lost: int
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        return f"{self.frames_lost} frames on {self.bus} came faster than they could be read, and are not in the log"
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.bus.codec import Codec
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import EXTENDED
 from bench.bus.network import transmissions
+from bench.bus.sync import BENCH_SYNC
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits
 from bench.bus.wire.schedulability import Stream, load, response_times, streams
 from bench.cycle import CYCLE_NS

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from bench.analysis.step_times import percentiles
 from bench.bus.codec import Codec
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.network import transmissions
+from bench.bus.sync import BENCH_SYNC
 from bench.cycle import CYCLE_MS, CYCLE_NS
 from bench.errors import BadInput
 from bench.names import PLANT, vehicle_bus
 from bench.record.reader import Run
+from bench.record.whole import whole
 
 BIN_MS = 0.25
 LONGEST_MS = 2.0 * CYCLE_MS
@@ -111,6 +112,7 @@ def timing(run: Run) -> Timing | None:
     late = np.empty(0)
     for bus, codec in codecs.items():
         table = run.frame_table(bus)
+        table = table[whole(table, codec)]
         begun = _first_receipts(table, codec.can_id(BENCH_SYNC))
         # The last BenchSync only ends the run, some time after the end of the last cycle.
         count = begun.size - 1

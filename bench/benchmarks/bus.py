@@ -20,13 +20,13 @@ from rich.table import Table
 
 from bench.benchmarks.figures import Figure, in_turns, ratio_figure, table_of, time_figure
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address, settle
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.link.udp import GROUP
 from bench.bus.node import serve
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC
 from bench.bus.wire.timing import BusTimeline
 from bench.cycle import CYCLE_MS, CYCLE_S
 from bench.ecu.base import Health, Outgoing, Signals, Topic

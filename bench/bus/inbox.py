@@ -4,9 +4,13 @@ Frames of one cycle arrive over several buses in any order; a peer's frame may a
 The content of a frame therefore determines its cycle, not its time of arrival: BenchSync carries the cycle number,
 every other input its alive counter, which is the cycle modulo 15.
 
-In virtual time `BenchAbsent` announces a frame that will not be sent; a node that receives an announcement of its own
-frames was dead or stopped in that cycle, and skips it. In real time a node waits for its inputs only as long as its
-deadline allows.
+In virtual time `BenchAbsent` announces a frame that will not be sent; a node that receives announcements of all its own
+frames of a cycle was dead or stopped in that cycle, and skips it. In real time a node waits for its inputs only as long
+as its deadline allows.
+
+Anybody can send anything. A frame that is not whole is refused. A BenchSync is also refused if its cycle does not
+follow, and an announcement if it is not about a cycle under way; so neither moves a node out of its cycle, and what is
+kept is bounded. An input with a good CRC is believed: the profile has no secret, so it protects against accidents only.
 """
 
 import math
@@ -20,12 +24,14 @@ from bench.bus.link.base import Link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC, Sync, read_sync
 from bench.bus.topic import Signals, Topic
-from bench.cycle import time_of
+from bench.cycle import CYCLE_S, time_of
 from bench.errors import BadInput
 from bench.faults.plan import FaultPlan, is_off
 
-BENCH_SYNC = "BenchSync"
+AHEAD_CYCLES = 100
+"""In real time, the number of cycles by which BenchSync may be ahead of a node's clock, whose start is an estimate."""
 
 _REFUSED = {
     Status.REPEATED: ReceptionState.REPEATED,
@@ -45,7 +51,6 @@ class _Slot:
         length: bytes of its frames.
         delay: cycles from sending to the step that uses it.
         timeout: cycles without a valid frame after which it is lost.
-        last: newest step for which a frame has arrived.
         waiting: signals by step; None if the frame must not be used or will not arrive.
         refused: why the newest frame since the last step was rejected, None if none was.
         reception: its reception state.
@@ -56,7 +61,6 @@ class _Slot:
     length: int
     delay: int
     timeout: int
-    last: int | None = None
     waiting: dict[int, Signals | None] = field(default_factory=dict)
     refused: ReceptionState | None = None
     reception: Reception = field(default_factory=Reception)
@@ -80,9 +84,10 @@ class _Bus:
     Attributes:
         link: the node's end of the bus.
         codec: the bus's codec.
+        sync_id, absent_id: identifiers of BenchSync and BenchAbsent.
         slots: the inputs received on it, by identifier.
-        own: identifiers that the node itself sends on it.
-        opened: the newest cycle for which a BenchSync has arrived on this bus.
+        own: periods in cycles of the messages that the node itself sends on it, by identifier.
+        opened: the newest cycle for which a BenchSync has arrived on this bus; -1 before the first.
         errors: number of frames rejected.
         errors_before: the same up to the newest BenchSync of this bus, so that the count in a step does not depend on
             when a frame was read.
@@ -90,8 +95,10 @@ class _Bus:
 
     link: Link
     codec: Codec
+    sync_id: int
+    absent_id: int
     slots: dict[int, _Slot]
-    own: frozenset[int]
+    own: dict[int, int]
     opened: int = -1
     errors: int = 0
     errors_before: int = 0
@@ -103,6 +110,7 @@ class Inbox:
     Attributes:
         cycle: the cycle whose inputs are being collected; its step is the next.
         opened: the newest cycle for which a BenchSync has arrived; -1 before the first.
+        settled: whether that is certain: it is cycle 0, or the one before has arrived as well.
         stopped: whether a BenchSync has told this node to stop.
         opened_at: estimated time (s) of that BenchSync's arrival by the clock: all cycles have the same length in real
             time, and the node is not busy at every BenchSync.
@@ -118,6 +126,7 @@ class Inbox:
         *,
         name: str = "",
         own: Collection[Topic] = (),
+        joins: bool = True,
         plan: FaultPlan | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -129,6 +138,7 @@ class Inbox:
             topics: its inputs.
             name: name of the node, e.g. veh1.tracker.
             own: topics that the node itself sends.
+            joins: whether it may join a running bench; else its first cycle is 0.
             plan: the faults of the run.
             clock: returns the time in s; read when a BenchSync arrives.
 
@@ -137,6 +147,7 @@ class Inbox:
         """
         self.cycle = 0
         self.opened = -1
+        self.settled = False
         self.stopped = False
         self.opened_at = 0.0
         self._zero_at = math.inf
@@ -144,21 +155,28 @@ class Inbox:
         self.late = 0
         self._clock = clock
         self._name = name
+        self._joins = joins
         self._plan = plan or FaultPlan()
         self._arrived: dict[int, int] = {}
-        self._excused: set[int] = set()
+        self._excused: dict[int, set[tuple[str, int]]] = {}
         self._topics = tuple(topics)
         self._buses = tuple(
             _Bus(
                 link,
                 codecs[bus],
+                codecs[bus].can_id(BENCH_SYNC),
+                codecs[bus].can_id(BENCH_ABSENT),
                 self._slots_of(bus, codecs[bus]),
-                frozenset(codecs[bus].can_id(topic.message) for topic in own if topic.bus == bus),
+                {
+                    codecs[bus].can_id(topic.message): codecs[bus].period(topic.message)
+                    for topic in own
+                    if topic.bus == bus
+                },
             )
             for bus, link in links.items()
         )
         for bus in self._buses:
-            bus.link.select([*bus.slots, bus.codec.can_id(BENCH_ABSENT)])
+            bus.link.select([*bus.slots, bus.absent_id])
         self._slots = tuple(slot for bus in self._buses for slot in bus.slots.values())
         self._inputs = tuple(slot for slot in self._slots if slot.topic.message != BENCH_SYNC)
         for topic in self._topics:
@@ -205,8 +223,17 @@ class Inbox:
 
     @property
     def excused(self) -> bool:
-        """Whether the others have continued without this node in `cycle`, because it was dead or stopped."""
-        return self.cycle in self._excused
+        """Whether the others have continued without this node in `cycle`, because it was dead or stopped.
+
+        Then all its frames are announced as absent; one alone is only given up.
+        """
+        announced = self._excused.get(self.cycle)
+        return announced is not None and all(
+            (bus.link.name, can_id) in announced
+            for bus in self._buses
+            for can_id, period in bus.own.items()
+            if self.cycle % period == 0
+        )
 
     def drain(self) -> bool:
         """Read all frames that have arrived; return whether there were any."""
@@ -215,10 +242,12 @@ class Inbox:
             for can_id, data in bus.link.receive():
                 arrived = True
                 slot = bus.slots.get(can_id)
-                if slot is not None:
+                if can_id == bus.sync_id:
+                    self._take_sync(bus, data)
+                elif slot is not None:
                     self._sort(bus, slot, can_id, data)
-                elif can_id == bus.codec.can_id(BENCH_ABSENT):
-                    self._note_absent(bus, can_id, data)
+                elif can_id == bus.absent_id:
+                    self._note_absent(bus, data)
         return arrived
 
     def take(self) -> dict[Topic, Signals | None]:
@@ -252,7 +281,7 @@ class Inbox:
 
     def _forget(self) -> None:
         self._arrived.pop(self.cycle, None)
-        self._excused.discard(self.cycle)
+        self._excused.pop(self.cycle, None)
         for slot in self._slots:
             slot.waiting.pop(self.cycle, None)
         self.cycle += 1
@@ -262,7 +291,7 @@ class Inbox:
         if status is not Status.OK:
             bus.errors += 1
             slot.refused = _REFUSED[status]
-        if status is Status.ERROR or (status is Status.REPEATED and slot.topic.message == BENCH_SYNC):
+        if status is Status.ERROR:
             # The due frame may still arrive; in virtual time its absence would be announced.
             return
         values = bus.codec.decode(can_id, data)[1]
@@ -271,16 +300,6 @@ class Inbox:
             status = Status.ERROR
             bus.errors += 1
             slot.refused = ReceptionState.ERROR
-        if slot.topic.message == BENCH_SYNC:
-            if values["Command"] == BenchCommand.STOP:
-                self.stopped = True
-                return
-            bus.errors_before = bus.errors
-            self.realtime = values["Command"] == BenchCommand.RUN_REALTIME
-            bus.opened = max(bus.opened, int(values["Cycle"]))
-            self._open(int(values["Cycle"]))
-            self._put(slot, int(values["Cycle"]), values)
-            return
         step = self._cycle_of(bus, data[1] & 0x0F) + slot.delay
         if status is Status.OK and step < self.cycle:
             # In sequence, but late by whole cycles.
@@ -288,18 +307,53 @@ class Inbox:
             slot.refused = ReceptionState.WRONG_SEQUENCE
         self._put(slot, step, values if status is Status.OK else None)
 
-    def _note_absent(self, bus: _Bus, can_id: int, data: bytes) -> None:
-        if len(data) != 8 or not check(data, bus.codec.data_id(BENCH_ABSENT)):
+    def _take_sync(self, bus: _Bus, data: bytes) -> None:
+        sync = read_sync(bus.codec, data)
+        if sync is not None and self.settled and sync.stops_after(self._newest(bus), realtime=self.realtime):
+            self.stopped = True
+        elif sync is not None and self._follows(bus, sync):
+            bus.errors_before = bus.errors
+            self.realtime = sync.realtime
+            self._open(bus, sync.cycle)
+            self._put(bus.slots[bus.sync_id], sync.cycle, None)
+        else:
+            bus.errors += 1
+
+    def _newest(self, bus: _Bus) -> int:
+        """The newest cycle on a bus; before its own first BenchSync, that on any bus."""
+        return bus.opened if bus.opened >= 0 else self.opened
+
+    def _follows(self, bus: _Bus, sync: Sync) -> bool:
+        """Return whether a BenchSync other than STOP opens a cycle that may come next on this bus."""
+        cycle = sync.cycle
+        if sync.command is BenchCommand.STOP:
+            return False
+        if not self.settled:
+            return cycle != bus.opened and (self._joins or cycle == 0)
+        if sync.realtime != self.realtime:
+            return False
+        if self.realtime and cycle > bus.opened >= 0:
+            # Some may have been lost.
+            return cycle - AHEAD_CYCLES <= max(bus.opened, (self._clock() - self._zero_at) / CYCLE_S)
+        return self._is_next(bus, cycle)
+
+    def _is_next(self, bus: _Bus, cycle: int) -> bool:
+        return cycle == bus.opened + 1 if bus.opened >= 0 else self.cycle <= cycle <= self.opened + 1
+
+    def _note_absent(self, bus: _Bus, data: bytes) -> None:
+        if self.realtime or len(data) != 8 or not check(data, bus.codec.data_id(BENCH_ABSENT)):
             bus.errors += 1
             return
-        values = bus.codec.decode(can_id, data)[1]
+        values = bus.codec.decode(bus.absent_id, data)[1]
         identifier, cycle = int(values["Identifier"]), int(values["Cycle"])
-        if identifier in bus.own:
-            self._excused.add(cycle)
+        if cycle > self._newest(bus) + 1:
+            bus.errors += 1
+            return
+        if identifier in bus.own and cycle >= self.cycle:
+            self._excused.setdefault(cycle, set()).add((bus.link.name, identifier))
         slot = bus.slots.get(identifier)
-        if slot is not None:
+        if slot is not None and identifier != bus.sync_id:
             step = cycle + slot.delay
-            slot.last = step if slot.last is None else max(slot.last, step)
             # Here, not in the step, which may be before or after the arrival of the sender's next frame.
             slot.receiver.missed()
             if step >= self.cycle and step not in slot.waiting:
@@ -312,11 +366,18 @@ class Inbox:
         BenchSync of the frame's own bus counts, because a node that was stopped reads its queues bus by bus. A frame 14
         cycles late is taken for one of the next cycle: the profile's counter cannot distinguish them.
         """
-        newest = 1 + (bus.opened if bus.opened >= 0 else max(self.opened, 0))
+        newest = 1 + max(self._newest(bus), 0)
         return newest - (newest - counter) % COUNTER_MODULUS
 
-    def _open(self, cycle: int) -> None:
+    def _open(self, bus: _Bus, cycle: int) -> None:
+        if not self.settled and self.opened >= 0 and not self._is_next(bus, cycle):
+            # The one before was not of this bench, or is too old.
+            self.opened, self._zero_at = -1, math.inf
+            for each in self._buses:
+                each.opened = -1
         first = self.opened < 0
+        self.settled = self.settled or cycle == 0 or cycle == bus.opened + 1 > 0
+        bus.opened = cycle
         if cycle > self.opened:
             self.opened = cycle
             self._zero_at = min(self._zero_at, self._clock() - time_of(cycle))
@@ -326,9 +387,9 @@ class Inbox:
         if cycle != self.cycle:
             # This node joins a running bench; the cycles of frames before its first BenchSync were guesses.
             for slot in self._slots:
-                slot.last = None
                 slot.waiting.clear()
             self._arrived.clear()
+            self._excused.clear()
             self.cycle = cycle
         for slot in self._slots:
             if slot.delay and cycle not in slot.waiting:
@@ -336,9 +397,6 @@ class Inbox:
                 self._fill(slot, cycle, None)
 
     def _put(self, slot: _Slot, step: int, values: Signals | None) -> None:
-        if slot.last is not None and step <= slot.last:
-            return
-        slot.last = step
         if step >= self.cycle and step not in slot.waiting:
             self._fill(slot, step, values)
 

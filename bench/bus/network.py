@@ -72,6 +72,7 @@ class Transmission:
         message: its name.
         sender: name of the process that sends it; empty if the DBC names none.
         receivers: names of the processes that receive at least one of its signals.
+        length: number of its bytes.
         protected: whether it carries an alive counter.
         period: its cycle time in cycles of the bench; 0 if it has none.
     """
@@ -81,6 +82,7 @@ class Transmission:
     message: str
     sender: str
     receivers: frozenset[str]
+    length: int
     protected: bool
     period: int
 
@@ -126,6 +128,7 @@ def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[T
                 message=name,
                 sender=sender,
                 receivers=frozenset(process for process in receivers if _is_there(process, vehicles)),
+                length=message.length,
                 protected=codec.is_protected(can_id),
                 period=codec.period(name) if message.cycle_time else 0,
             )

@@ -1,6 +1,7 @@
 """A node on the buses, and the loop in which the nodes of one process wait for frames."""
 
 import gc
+import math
 import selectors
 import time
 from collections.abc import Sequence
@@ -13,6 +14,10 @@ REST_S = 0.0095
 """Time after a BenchSync for which a node that has finished its cycle may sleep."""
 
 
+READ_UP_S = 1.0
+"""Longest wall-clock time in s for which a node reads what came before it is ready."""
+
+
 class Node(Protocol):
     """A participant that steps as soon as its frames have arrived."""
 
@@ -21,6 +26,10 @@ class Node(Protocol):
     @property
     def links(self) -> tuple[Link, ...]:
         """The links this node listens on."""
+
+    @property
+    def opened(self) -> int:
+        """The newest cycle that the conductor has opened; -1 before the first."""
 
     @property
     def stopped(self) -> bool:
@@ -47,10 +56,11 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
     Args:
         nodes: the nodes of this process.
         lifeline: file descriptor that becomes readable when the conductor ends; ends the loop.
-        silence_s: longest wall-clock time in s without a frame once the first has come; None for no limit.
+        silence_s: longest wall-clock time in s without a new cycle once the first has begun, whatever else is on the
+            buses; None for no limit.
 
     Raises:
-        RunFailed: no frame was received for `silence_s`.
+        RunFailed: no cycle began for `silence_s`.
     """
     with selectors.DefaultSelector() as selector:
         for node in nodes:
@@ -61,20 +71,32 @@ def serve(nodes: Sequence[Node], lifeline: int | None = None, silence_s: float |
         # These objects live until the end; garbage collection can skip them.
         gc.collect()
         gc.freeze()
-        limit_s = None
+        newest, silent_at = -1, math.inf
         while not all(node.stopped for node in nodes):
             _rest(nodes)
-            wake_at = min((node.wake_at for node in nodes if node.wake_at is not None), default=None)
-            events = selector.select(limit_s if wake_at is None else max(0.0, wake_at - time.monotonic()))
-            if not events and wake_at is None:
-                names = ", ".join(node.name for node in nodes)
-                raise RunFailed(f"{names} heard no frame for {silence_s:g} s; is the conductor still running?")
-            limit_s = silence_s
+            wake_at = min((node.wake_at for node in nodes if node.wake_at is not None), default=math.inf)
+            until = min(wake_at, silent_at)
+            events = selector.select(None if until == math.inf else max(0.0, until - time.monotonic()))
             ready = [key.data for key, _ in events]
             if None in ready:
                 return
             for node in ready if ready else nodes:
                 node.poll()
+            if silence_s is None:
+                continue
+            if (opened := max(node.opened for node in nodes)) > newest:
+                newest, silent_at = opened, time.monotonic() + silence_s
+            elif time.monotonic() >= silent_at:
+                names = ", ".join(node.name for node in nodes)
+                raise RunFailed(f"{names} heard of no new cycle for {silence_s:g} s; is the conductor still running?")
+
+
+def read_up(nodes: Sequence[Node]) -> None:
+    """Let nodes read what came while their process started, so that their queues have room for the run."""
+    end = time.monotonic() + READ_UP_S
+    heard = True
+    while heard and time.monotonic() < end:
+        heard = max([node.poll() for node in nodes])
 
 
 def _rest(nodes: Sequence[Node]) -> None:

@@ -135,7 +135,7 @@ def run(
     times = timing(recorded)
     if times is not None:
         show_timing(times, result.scheduling)
-    typer.echo(f"log:    {result.path}")
+    typer.echo("".join(f"{refused.text}\n" for refused in result.refused) + f"log:    {result.path}")
     if not no_report:
         from bench.analysis.report import write
 

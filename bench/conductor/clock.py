@@ -12,11 +12,11 @@ from contextlib import ExitStack
 from bench.bus.codec import Codec, load_codecs
 from bench.bus.control_channel import ControlChannel
 from bench.bus.frame import CanFrame
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.conductor.linux import set_real_time, wait_until
 from bench.cycle import CYCLE_NS, time_of
 from bench.names import V2V
@@ -42,7 +42,7 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
     codecs = load_codecs(vehicles)
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
-        # Only the conductor also sends BenchSync, to end the run, on all buses.
+        # The conductor sends STOP on all buses.
         sync_id = codecs[V2V].can_id(BENCH_SYNC)
         for link in links.values():
             link.select([sync_id] if link is links[V2V] else [])
@@ -54,9 +54,9 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
             wait_until(start + cycle * CYCLE_NS)
             for bus, (can_id, data) in frames.items():
                 links[bus].send(can_id, data)
-            if _told_to_stop(channel.lifeline, links[V2V], sync_id, 0.0):
+            if _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], cycle, 0.0):
                 return
-        while not _told_to_stop(channel.lifeline, links[V2V], sync_id, None):
+        while not _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], cycles - 1, None):
             pass
 
 
@@ -66,10 +66,9 @@ def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, CanFrame]:
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
 
 
-def _told_to_stop(lifeline: int, link: Link, sync_id: int, timeout_s: float | None) -> bool:
-    """Whether the conductor has sent its own BenchSync, or has ended.
-
-    Other frames may arrive as well if a link cannot filter them.
-    """
+def _told_to_stop(lifeline: int, link: Link, codec: Codec, newest: int, timeout_s: float | None) -> bool:
+    """Whether the conductor has sent STOP after the cycle `newest`, or has ended; any other frame is ignored."""
+    sync_id = codec.can_id(BENCH_SYNC)
     readable, _, _ = select.select([lifeline, link.fileno()], [], [], timeout_s)
-    return lifeline in readable or any(can_id == sync_id for can_id, _ in link.receive())
+    syncs = (read_sync(codec, data) for can_id, data in link.receive() if can_id == sync_id)
+    return lifeline in readable or any(sync is not None and sync.stops_after(newest, realtime=True) for sync in syncs)

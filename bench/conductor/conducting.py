@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING
 from bench.bus.codec import Codec
 from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame, CanFrame
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.base import Link
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots
 from bench.conductor.outages import Outages
+from bench.conductor.refusals import Refusals
 from bench.cycle import time_of
-from bench.events import EcuFailed, EcuNote, Event, ProcessOutput
+from bench.events import EcuFailed, EcuNote, Event, FramesRefused, ProcessOutput, Refusal
 from bench.names import PLANT
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
@@ -41,7 +42,7 @@ class Means:
         links: its ends of the buses, by name.
         codecs: codec of every bus.
         vehicles: number of vehicles.
-        silence_s: longest wall-clock time in s without a frame.
+        silence_s: longest wall-clock time in s without a frame that is due.
         desk: receives faults.
         free: the slots of ECUs started by hand.
         go_on: whether the run continues without an ECU that has failed.
@@ -74,6 +75,9 @@ class Conductor(ABC):
         self._free = means.free
         self._outages = Outages(means.desk.plan)
         self._go_on = means.go_on
+        self._refusals = Refusals(means.codecs)
+        for bus, link in means.links.items():
+            link.on_ignored = self._refusals.without_data(bus)
         self._words: list[Event] = []
         self.cycle = 0
         self.misses: dict[str, int] = {}
@@ -112,8 +116,13 @@ class Conductor(ABC):
     def record_rest(self, recorder: "Recorder") -> None:
         """Record the frames of cycles not recorded yet."""
 
+    @property
+    def refused(self) -> list[FramesRefused]:
+        """What has been refused so far on each bus that had any."""
+        return self._refusals.totals
+
     @abstractmethod
-    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `Listener`."""
 
     @abstractmethod
@@ -137,6 +146,24 @@ class Conductor(ABC):
         can_id, data = self._codecs[bus].encode(message, values, cycle)
         self._links[bus].send(can_id, data)
         return BusFrame(bus, can_id, data)
+
+    def _before(self, bus: str, frames: Sequence[CanFrame]) -> bool:
+        """Take frames that came before the first cycle; return whether one is of an ECU that is waited for."""
+        whole = []
+        for frame in frames:
+            can_id, data = frame
+            why = self._refusals.flaw(bus, can_id, data)
+            if why is None and self._free.is_free(bus, can_id):
+                whole.append(frame)
+            else:
+                self._refusals.refuse(bus, frame, why or Refusal.NOT_DUE)
+        return self._free.note(bus, whole)
+
+    def _losses(self) -> str:
+        """Return a clause about the frames that the conductor itself has lost; empty if none."""
+        lost = {bus: link.frames_lost() for bus, link in self._links.items()}
+        text = ", ".join(f"{count} on {bus}" for bus, count in lost.items() if count)
+        return f"; the conductor could not read all frames as fast as they came and lost {text}" if text else ""
 
     def _when(self) -> str:
         return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"

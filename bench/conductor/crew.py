@@ -54,8 +54,8 @@ class Ended(RunFailed):
 class Listener(Protocol):
     """Receives frames, truth rows and output from a crew."""
 
-    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Take frames received on a bus."""
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
+        """Take frames received on a bus; return whether any of them was waited for, so that the run gets on."""
 
     def truth(self, row: Truth) -> None:
         """Take a truth row."""
@@ -87,7 +87,9 @@ class Crew(Protocol):
         """
 
     def attend(self, timeout_s: float) -> bool:
-        """Wait for frames and pass on all input; return False if no frame came for `timeout_s` s, or none can come.
+        """Wait for frames and pass on all input.
+
+        Returns False if none that the listener waited for came for `timeout_s` s, or none can come.
 
         Raises:
             RunFailed: one of them ended or failed.
@@ -229,11 +231,11 @@ class ProcessCrew:
 
     def wait_ready(self, timeout_s: float) -> None:
         """See `Crew`."""
-        self._await_ready(timeout_s)
-        # Frames are due from here on.
+        # Frames are due only later, but whoever sends before must not fill the receive queues.
         for bus, link in self._links.items():
             self._register(link.fileno(), partial(self._take_frames, bus, link))
             self._listening.append(link)
+        self._await_ready(timeout_s)
 
     def attend(self, timeout_s: float) -> bool:
         """See `Crew`."""
@@ -348,16 +350,14 @@ class ProcessCrew:
         self._selector.register(descriptor, selectors.EVENT_READ, handler)
 
     def _select(self, timeout_s: float) -> bool:
-        """Wait once and handle all input; return whether frames were among it."""
+        """Wait once and handle all input; return whether frames that were waited for were among it."""
         heard = False
         for key, _ in self._selector.select(timeout_s):
             heard |= key.data()
         return heard
 
     def _take_frames(self, bus: str, link: Link) -> bool:
-        frames = link.receive()
-        self._listener.frames(bus, frames)
-        return bool(frames)
+        return self._listener.frames(bus, link.receive())
 
     def _take_words(self, name: str) -> bool:
         process = self._processes[name]

@@ -7,7 +7,10 @@ from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.network import Transmission, transmissions
 from bench.bus.outbox import BENCH_ABSENT
+from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
+from bench.conductor.refusals import Refusals
+from bench.events import Refusal
 from bench.faults.plan import FaultPlan
 from bench.names import CONDUCTOR
 
@@ -32,16 +35,20 @@ class CycleFrames:
 
     Attributes:
         number: the cycle being collected.
-        frames: the frames received, by bus.
-        strays: unexpected or duplicate frames since `begin`.
+        frames: the frames received, by bus; also refused ones.
+        due: of these the ones that were due.
         spoiled: due frames received only with a wrong CRC so far, by bus and identifier.
     """
 
-    def __init__(self, due: Due, codecs: Mapping[str, Codec], plan: FaultPlan | None = None) -> None:
-        """Begin before the first cycle."""
+    def __init__(
+        self, due: Due, codecs: Mapping[str, Codec], plan: FaultPlan | None = None, refusals: Refusals | None = None
+    ) -> None:
+        """Begin before the first cycle; `refusals` judges and counts the frames that are not due."""
         self._due = due
         self._codecs = codecs
         self._plan = plan or FaultPlan()
+        self._refusals = refusals or Refusals(codecs)
+        self._sync_id = {bus: codecs[bus].can_id(BENCH_SYNC) for bus in due}
         self._absent_id = {bus: codecs[bus].can_id(BENCH_ABSENT) for bus in due}
         self._data_ids = {
             (bus, can_id): codecs[bus].data_id(each.message)
@@ -54,7 +61,7 @@ class CycleFrames:
         self.number = -1
         self._counter = 0
         self.frames: dict[str, list[CanFrame]] = {bus: [] for bus in due}
-        self.strays: list[tuple[str, int]] = []
+        self.due: list[BusFrame] = []
         self.spoiled: set[tuple[str, int]] = set()
 
     def begin(self, number: int) -> None:
@@ -69,7 +76,8 @@ class CycleFrames:
         self._extra = self._extra_frames()
         self._count += sum(self._extra.values())
         self.frames = {bus: [] for bus in self._due}
-        self.strays = []
+        self.due = []
+        self._refusals.begin_cycle()
         self.spoiled = set()
 
     def _extra_frames(self) -> dict[tuple[str, int], int]:
@@ -88,44 +96,69 @@ class CycleFrames:
         """Whether all due frames have arrived."""
         return self._count == 0
 
-    def take(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Add frames received on `bus`."""
-        self.frames[bus].extend(frames)
-        missing, absent_id = self._missing[bus], self._absent_id[bus]
-        for can_id, data in frames:
+    def take(self, bus: str, frames: Sequence[CanFrame]) -> bool:
+        """Take frames received on `bus`; return whether the cycle waited for any of them.
+
+        Of several valid frames the first is the due one.
+        """
+        missing, kept, taken = self._missing[bus], self.frames[bus], len(self.due)
+        counter, waited = self._counter, False
+        for frame in frames:
+            can_id, data = frame
             due = missing.get(can_id)
-            if due is None:
-                if can_id == absent_id:
-                    self._take_absence(bus, data)
-                elif self._extra.get((bus, can_id)):
-                    self._extra[bus, can_id] -= 1
-                    self._count -= 1
-                else:
-                    self.strays.append((bus, can_id))
-            elif due.protected and data[1:2] and data[1] & 0x0F != self._counter:
-                self.strays.append((bus, can_id))
-            elif due.protected and not check(data, self._data_ids[bus, can_id]):
-                self.spoiled.add((bus, can_id))
-            else:
+            if (
+                due is not None
+                and len(data) == due.length
+                and (not due.protected or (data[1] & 0x0F == counter and check(data, self._data_ids[bus, can_id])))
+            ):
                 self.spoiled.discard((bus, can_id))
                 del missing[can_id]
                 self._count -= 1
+                kept.append(frame)
+                self.due.append(BusFrame(bus, can_id, data))
+            else:
+                waited |= self._take_other(bus, frame, due is not None)
+        return waited or len(self.due) > taken
 
-    def _take_absence(self, bus: str, data: bytes) -> None:
-        """Stop waiting for a frame if this announces its absence."""
-        codec = self._codecs[bus]
-        if len(data) != 8 or not check(data, codec.data_id(BENCH_ABSENT)):
-            return
-        values = codec.decode(self._absent_id[bus], data)[1]
-        if values["Cycle"] == self.number:
-            self.give_up(bus, int(values["Identifier"]))
+    def _take_other(self, bus: str, frame: CanFrame, is_missing: bool) -> bool:
+        """Take a frame that is not the due one; return whether the cycle waited for it."""
+        can_id, data = frame
+        why = self._refusals.flaw(bus, can_id, data)
+        if why is None and self._waits_for(bus, can_id, data):
+            self.frames[bus].append(frame)
+            return True
+        if why is Refusal.DAMAGED and is_missing:
+            self.spoiled.add((bus, can_id))
+        if why is None:
+            # No other node sends BenchSync in virtual time.
+            why = Refusal.IMPLAUSIBLE if can_id == self._sync_id[bus] else Refusal.NOT_DUE
+        if self._refusals.refuse(bus, frame, why):
+            self.frames[bus].append(frame)
+        return False
 
-    def give_up(self, bus: str, can_id: int) -> None:
-        """Stop waiting for a frame of this cycle."""
-        self.spoiled.discard((bus, can_id))
-        if self._missing[bus].pop(can_id, None) is not None:
+    def _waits_for(self, bus: str, can_id: int, data: bytes) -> bool:
+        """Return whether the cycle waits for this frame that no DBC file makes due, and take it."""
+        if can_id == self._absent_id[bus]:
+            values = self._codecs[bus].decode(can_id, data)[1]
+            return values["Cycle"] == self.number and self.give_up(bus, int(values["Identifier"]))
+        if self._extra.get((bus, can_id)):
+            self._extra[bus, can_id] -= 1
             self._count -= 1
-        self._count -= self._extra.pop((bus, can_id), 0)
+            return True
+        return False
+
+    def give_up(self, bus: str, can_id: int) -> bool:
+        """Stop waiting for a frame of this cycle; return whether it was awaited."""
+        self.spoiled.discard((bus, can_id))
+        given_up = int(self._missing[bus].pop(can_id, None) is not None) + self._extra.pop((bus, can_id), 0)
+        self._count -= given_up
+        return given_up > 0
+
+    @property
+    def hopeless(self) -> list[tuple[str, int]]:
+        """The spoiled frames whose senders have sent all else, so that no valid ones will follow."""
+        others = {due.sender for due in self.missing() if (due.bus, due.can_id) not in self.spoiled}
+        return sorted(each for each in self.spoiled if self._due[each[0]][each[1]].sender not in others)
 
     def ordered(self) -> Iterator[BusFrame]:
         """Return the frames in the order of the log: by bus, then by identifier, whatever order they arrived in."""

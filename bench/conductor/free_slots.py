@@ -73,6 +73,7 @@ class FreeSlots:
     def __init__(self, free: Sequence[EcuSlot], codecs: Mapping[str, Codec], vehicles: int) -> None:
         """Watch for the ECUs of `free`."""
         self._waiting = {slot.name: slot for slot in free}
+        self._free = frozenset(self._waiting)
         self._due = frames_due(codecs, vehicles)
         self._codecs = codecs
         self._status = {
@@ -105,20 +106,27 @@ class FreeSlots:
                 )
             crew.attend(left)
 
-    def note(self, bus: str, frames: Sequence[CanFrame]) -> None:
-        """Note the ECUs that sent these frames."""
+    def note(self, bus: str, frames: Sequence[CanFrame]) -> bool:
+        """Note the ECUs that sent these whole frames; return whether one of them was waited for."""
+        waiting = len(self._waiting)
         for can_id, _ in frames:
             due = self._due[bus].get(can_id)
             if due is not None:
                 self._waiting.pop(due.sender, None)
+        return len(self._waiting) < waiting
+
+    def is_free(self, bus: str, can_id: int) -> bool:
+        """Return whether only an ECU started by hand sends this identifier."""
+        due = self._due[bus].get(can_id)
+        return due is not None and due.sender in self._free
 
     def without_signs(self, bus: str, frames: Sequence[CanFrame]) -> Sequence[CanFrame]:
         """Drop frames that an ECU sent before it received the beginning of the run."""
-        if not self._status:
-            return frames
-        return [frame for frame in frames if not self._is_sign(bus, *frame)]
+        return [frame for frame in frames if not self.is_sign(bus, frame)] if self._status else frames
 
-    def _is_sign(self, bus: str, can_id: int, data: bytes) -> bool:
+    def is_sign(self, bus: str, frame: CanFrame) -> bool:
+        """Return whether an ECU sent this frame before it received the beginning of the run."""
+        can_id, data = frame
         if (bus, can_id) not in self._status:
             return False
         try:

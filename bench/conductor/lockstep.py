@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 SPOILED_S = 0.1
-"""Wall-clock time in s without a frame after which one received with a wrong CRC counts as the due one."""
+"""Wall-clock time in s without a due frame after which one received with a wrong CRC counts as the due one."""
 
 
 class Lockstep(Conductor):
@@ -32,7 +32,8 @@ class Lockstep(Conductor):
     def __init__(self, means: Means) -> None:
         """Conduct with `means`; no cycle has begun."""
         super().__init__(means)
-        self._frames = CycleFrames(frames_due(means.codecs, means.vehicles), means.codecs, means.desk.plan)
+        due = frames_due(means.codecs, means.vehicles)
+        self._frames = CycleFrames(due, means.codecs, means.desk.plan, self._refusals)
         self._truth: list[Truth] = []
         self._sent: list[BusFrame] = []
         self._failures: list[EcuFailed] = []
@@ -58,7 +59,7 @@ class Lockstep(Conductor):
             self._wall_s = time.perf_counter() - started
             self._cycles = self.cycle + 1
             frames, truth = [*self._sent, *self._frames.ordered()], self._truth
-            strays, words = self._frames.strays, self._words
+            due, news, words = self._frames.due, self._refusals.news(), self._words
             failures, self._failures = self._failures, []
             self._truth, self._words = [], []
             last = self.cycles == cycles
@@ -68,25 +69,25 @@ class Lockstep(Conductor):
                 self._sent = self._sync(BenchCommand.STOP, self.cycle)
             else:
                 self._open(crew, recorder)
-            recorder.cycle(done, frames, truth, strays, words)
+            recorder.cycle(done, frames, due, truth, news, words)
             for failure in failures:
                 recorder.event(done, failure)
             if on_progress is not None and (last or done % PROGRESS_CYCLES == 0):
                 on_progress(time_of(self.cycle))
             if last:
-                recorder.cycle(self.cycle, self._sent, (), (), ())
+                recorder.cycle(self.cycle, self._sent, (), (), (), ())
                 return
 
     def stop(self) -> None:
         """See `Conductor`."""
-        self._sync(BenchCommand.STOP, self.cycle)
+        # The cycle after the newest one that has begun.
+        self._sync(BenchCommand.STOP, self._frames.number + 1)
 
-    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `Listener`."""
         if self._frames.number < 0:
-            self._free.note(bus, frames)
-            return
-        self._frames.take(bus, self._free.without_signs(bus, frames))
+            return self._before(bus, frames)
+        return self._frames.take(bus, self._free.without_signs(bus, frames))
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""
@@ -94,7 +95,8 @@ class Lockstep(Conductor):
 
     def record_rest(self, recorder: "Recorder") -> None:
         """See `Conductor`."""
-        recorder.cycle(self.cycle, list(self._frames.ordered()), self._truth, self._frames.strays, self._words)
+        frames, news = list(self._frames.ordered()), self._refusals.news()
+        recorder.cycle(self.cycle, frames, self._frames.due, self._truth, news, self._words)
         self._truth, self._words = [], []
 
     def _open(self, crew: Crew, recorder: "Recorder") -> None:
@@ -118,8 +120,8 @@ class Lockstep(Conductor):
     def _await_complete(self, crew: Crew) -> None:
         when = self._when()
         while not self._frames.complete:
-            spoiled = self._frames.spoiled
-            patience = SPOILED_S if spoiled else self._silence_s
+            hopeless = self._frames.hopeless if self._frames.spoiled else []
+            patience = SPOILED_S if hopeless else self._silence_s
             try:
                 heard = crew.attend(patience)
             except Ended as error:
@@ -128,12 +130,13 @@ class Lockstep(Conductor):
                 continue
             if heard or self._frames.complete:
                 continue
-            if spoiled:
-                for bus, can_id in sorted(spoiled):
+            if hopeless:
+                for bus, can_id in hopeless:
                     self._give_up(bus, can_id)
                 continue
             guilty = self._frames.guilty(crew.inputs)
-            text = f"{when} {self._frames.silent(guilty)}; no frame was received for {self._silence_s:g} s"
+            text = f"{when} {self._frames.silent(guilty)}; no due frame was received for {self._silence_s:g} s"
+            text += self._losses()
             if not self._goes_on_without(guilty, crew, text):
                 raise RunFailed(text)
 

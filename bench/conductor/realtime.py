@@ -5,8 +5,8 @@ BenchSync k+1 for their commands, and the plant applies the commands received by
 deadline: the actuators hold, and after the DBC's timeout enter their safe state.
 
 A frame belongs to the cycle given by its alive counter, late or not; one without a counter to that of its sender's
-newest frame with one; one that is damaged, repeated or later than `SETTLE_CYCLES` to the cycle in which it arrived. The
-log has that cycle's time, and the kernel's time of receipt.
+newest frame with one; one that is refused (damaged, repeated, later than `SETTLE_CYCLES`, of nobody) to the cycle in
+which it arrived. The log has that cycle's time, and the kernel's time of receipt.
 """
 
 import os
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from bench import events
 from bench.bus.control_channel import Truth
-from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.e2e import COUNTER_MODULUS
 from bench.bus.frame import BusFrame, CanFrame
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.conductor.clock import CLOCK, PRIORITY
 from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress
 from bench.conductor.crew import Crew, Ended
@@ -30,6 +30,7 @@ from bench.conductor.linux import pin, real_time, set_real_time
 from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
+from bench.events import Refusal
 from bench.names import PLANT, V2V
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
@@ -48,6 +49,9 @@ REST_NS = 7_500_000
 SETTLE_CYCLES = 2
 """Number of cycles for which a cycle stays open for late frames before it is checked and recorded."""
 
+EARLY_CYCLES = 10
+"""Number of cycles by which BenchSync may be early: the first one may have come late."""
+
 _POLL_S = 0.01
 
 
@@ -63,14 +67,16 @@ class _Cycle:
     """The data received of a cycle.
 
     Attributes:
-        frames: the frames received.
+        frames: the frames received; also refused ones.
+        due: of these the ones that were due.
         begun: arrival of its BenchSync, by bus (ns).
         done: arrival of each sender's newest frame with a counter, by name (ns).
-        seen: identifiers of the frames with a counter, by bus.
+        seen: identifiers of the due frames, by bus.
         truth: its truth rows.
     """
 
     frames: list[_Received] = field(default_factory=list)
+    due: list[BusFrame] = field(default_factory=list)
     begun: dict[str, int] = field(default_factory=dict)
     done: dict[str, int] = field(default_factory=dict)
     seen: dict[str, set[int]] = field(default_factory=lambda: defaultdict(set))
@@ -83,12 +89,10 @@ class _Expected(NamedTuple):
     Attributes:
         sender: its sender: an ECU, or the plant on one bus (veh1.plant).
         protected: whether it has a CRC and an alive counter.
-        data_id: its E2E data ID.
     """
 
     sender: str
     protected: bool
-    data_id: int
 
 
 class Realtime(Conductor):
@@ -101,10 +105,7 @@ class Realtime(Conductor):
         due = frames_due(codecs, means.vehicles)
         self._sync_ids = {bus: codec.can_id(BENCH_SYNC) for bus, codec in codecs.items()}
         self._expected = {
-            bus: {
-                can_id: _Expected(each.station, each.protected, codecs[bus].data_id(each.message))
-                for can_id, each in frames.items()
-            }
+            bus: {can_id: _Expected(each.station, each.protected) for can_id, each in frames.items()}
             for bus, frames in due.items()
         }
         self._senders = {
@@ -114,7 +115,7 @@ class Realtime(Conductor):
         # By bus: the conductor reads one after the other, and may be behind on all of them.
         self._newest = dict.fromkeys(codecs, -1)
         self._at: dict[tuple[str, str], int] = {}
-        self._strays: list[tuple[str, int]] = []
+        self._has_clock = False
         self._prepared = -1
         self._first_ns = 0
         self._in_a_row: dict[str, int] = dict.fromkeys(self._senders, 0)
@@ -147,6 +148,7 @@ class Realtime(Conductor):
             recorder.event(self.cycle, stolen)
 
     def _run(self, crew: Crew, recorder: "Recorder", cycles: int, on_progress: OnProgress | None) -> None:
+        self._has_clock = True
         crew.restart(CLOCK)
         self._schedule(crew, recorder)
         end_at: float | None = None
@@ -163,7 +165,7 @@ class Realtime(Conductor):
                 end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_S
         sent = self._sync(BenchCommand.STOP, self.cycles)
         self._keep_up(crew, recorder, self.cycle, on_progress)
-        recorder.cycle(self.cycles, sent, (), (), ())
+        recorder.cycle(self.cycles, sent, (), (), (), ())
         if on_progress is not None:
             on_progress(time_of(self.cycles))
 
@@ -171,25 +173,29 @@ class Realtime(Conductor):
         """See `Conductor`; the clock stops too."""
         self._sync(BenchCommand.STOP, self.cycles)
 
-    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `Listener`."""
         times = self._links[bus].times
         if times is None:
             times = [time.time_ns()] * len(frames)
-        if self.cycle < 0:
-            self._free.note(bus, frames)
-        kept = self._free.without_signs(bus, frames)
-        if len(kept) < len(frames):
-            times = [received for frame, received in zip(frames, times, strict=True) if frame in kept]
         sync_id = self._sync_ids[bus]
-        for (can_id, data), received in zip(kept, times, strict=True):
-            if can_id == sync_id:
-                number = self._begin(bus, data, received)
-            elif self.cycle >= 0:
-                number = self._cycle_of(bus, can_id, data, received)
-            else:
+        waited = False
+        for frame, received in zip(frames, times, strict=True):
+            can_id, data = frame
+            if self._free.is_sign(bus, frame):
+                waited |= self._free.note(bus, [frame])
                 continue
+            number = self._begin(bus, data, received) if can_id == sync_id else None
+            if number is None:
+                if self.cycle < 0:
+                    waited |= self._before(bus, [frame])
+                    continue
+                number = self._due_in(bus, frame, received)
+                if number is None:
+                    continue
+            waited = True
             self._open[number].frames.append(_Received(received, BusFrame(bus, can_id, data)))
+        return waited
 
     def truth(self, row: Truth) -> None:
         """See `Listener`."""
@@ -200,39 +206,64 @@ class Realtime(Conductor):
         for number in sorted(self._open):
             self._record(number, recorder)
 
-    def _begin(self, bus: str, data: bytes, received: int) -> int:
-        """Begin the cycle of a BenchSync; return its number."""
-        number = int(self._codecs[bus].decode(self._sync_ids[bus], data)[1]["Cycle"])
+    def _begin(self, bus: str, data: bytes, received: int) -> int | None:
+        """Begin the cycle of the clock's BenchSync; return its number, None if this one is not the clock's."""
+        sync = read_sync(self._codecs[bus], data)
+        if sync is None or not sync.realtime or not self._has_clock:
+            return None
+        number = sync.cycle
+        # The clock begins with 0, and is never early; some may have been lost.
+        latest = (received - self._first_ns) // CYCLE_NS + EARLY_CYCLES if self.cycle >= 0 else 0
+        if not self._newest[bus] < number <= max(latest, self._newest[bus] + 1):
+            return None
         if self.cycle < 0:
             self._first_ns = received
-        self.cycle = max(self.cycle, number)
+        if number > self.cycle:
+            self.cycle = number
+            self._refusals.begin_cycle()
         self._newest[bus] = number
         self._open[number].begun[bus] = received
         return number
 
-    def _cycle_of(self, bus: str, can_id: int, data: bytes, received: int) -> int:
-        """Return the number of the cycle to which a frame belongs, and note its sender."""
+    def _due_in(self, bus: str, frame: CanFrame, received: int) -> int | None:
+        """Return the number of the cycle in which a frame is due, and note its sender; else refuse it."""
+        can_id, data = frame
+        why = self._refusals.flaw(bus, can_id, data)
+        number = self._cycle_of(bus, can_id, data, received) if why is None else None
+        if number is not None:
+            self._open[number].due.append(BusFrame(bus, can_id, data))
+            return number
+        if why is None:
+            why = Refusal.IMPLAUSIBLE if can_id == self._sync_ids[bus] else Refusal.NOT_DUE
+        if self._refusals.refuse(bus, frame, why):
+            now = max(self._newest[bus], 0)
+            self._open[now].frames.append(_Received(received, BusFrame(bus, can_id, data)))
+        return None
+
+    def _cycle_of(self, bus: str, can_id: int, data: bytes, received: int) -> int | None:
+        """Return the number of the cycle in which a whole frame is due, and note its sender; None if in none."""
         expected = self._expected[bus].get(can_id)
         if expected is None:
-            self._strays.append((bus, can_id))
-            return self.cycle
+            return None
         place, newest = (bus, expected.sender), max(self._newest[bus], 0)
-        if not expected.protected:
-            return self._at.get(place, newest)
-        # The alive counter's cycle is not used if the frame is damaged, or that cycle is closed or already has this
-        # frame.
-        if not check(data, expected.data_id):
-            return newest
-        number = newest - (newest - (data[1] & 0x0F)) % COUNTER_MODULUS
-        if number < max(0, newest - SETTLE_CYCLES):
-            return newest
+        if expected.protected:
+            number = newest - (newest - (data[1] & 0x0F)) % COUNTER_MODULUS
+        else:
+            number = self._at.get(place, newest)
+            if not self._has_room(number, bus, can_id):
+                number = newest
+        if not self._has_room(number, bus, can_id):
+            return None
         cycle = self._open[number]
-        if can_id in cycle.seen[bus]:
-            return newest
         cycle.seen[bus].add(can_id)
-        cycle.done[expected.sender] = received
-        self._at[place] = number
+        if expected.protected:
+            cycle.done[expected.sender] = received
+            self._at[place] = number
         return number
+
+    def _has_room(self, number: int, bus: str, can_id: int) -> bool:
+        """Return whether a cycle is still open, and does not have a frame of this identifier yet."""
+        return number >= max(0, self._newest[bus] - SETTLE_CYCLES) and can_id not in self._open[number].seen[bus]
 
     def _rest(self) -> None:
         """Wait for the part of a cycle in which the others have least to do.
@@ -275,9 +306,10 @@ class Realtime(Conductor):
         cycle.frames = []
         truth, cycle.truth = cycle.truth, []
         words, self._words = self._words, []
-        strays, self._strays = self._strays, []
+        due, cycle.due = cycle.due, []
         frames = [each.frame for each in ordered]
-        recorder.cycle(number, frames, truth, strays, words, [each.received_ns for each in ordered])
+        news, received_ns = self._refusals.news(), [each.received_ns for each in ordered]
+        recorder.cycle(number, frames, due, truth, news, words, received_ns)
 
     def _judge(self, number: int, crew: Crew, recorder: "Recorder") -> None:
         """Note the nodes that have missed the end of a cycle."""

@@ -65,15 +65,15 @@ class Recorder:
         self._health: dict[tuple[str, int], bytes] = {}
         self._states = StateWatch(codecs)
         self._failed = False
-        self._strays: set[tuple[str, int]] = set()
         self.cpu_s = 0.0
 
     def cycle(
         self,
         number: int,
         frames: Iterable[BusFrame],
+        due: Iterable[BusFrame],
         truth: Iterable[Truth],
-        strays: Iterable[tuple[str, int]],
+        news: Iterable[events.Event],
         words: Sequence[events.Event],
         received_ns: Sequence[int] = (),
     ) -> None:
@@ -81,9 +81,10 @@ class Recorder:
 
         Args:
             number: its number.
-            frames: all its frames.
+            frames: all its frames; also refused ones, which are not decoded here.
+            due: of these the ones that were due.
             truth: its truth rows.
-            strays: bus and identifier of unexpected frames; each is recorded once per run.
+            news: events about refused frames.
             words: what processes have written or had noted.
             received_ns: arrival time of each frame (time.time_ns); if not given, now for all.
 
@@ -96,14 +97,10 @@ class Recorder:
             time_ns = number * CYCLE_NS
             frames = list(frames)
             self._writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
-            self._note_states(time_ns, frames)
+            self._note_states(time_ns, due)
             for row in truth:
                 self._writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
-            for stray in strays:
-                if stray not in self._strays:
-                    self._strays.add(stray)
-                    self._writer.event(time_ns, events.StrayFrame(*stray))
-            for event in words:
+            for event in (*news, *words):
                 self._writer.event(time_ns, event)
             for name, usage in self._watch.samples():
                 self._writer.process(name, time_ns, usage)
@@ -146,14 +143,15 @@ class Recorder:
         decoded = (self._codecs[bus].decode(can_id, data)[1] for (bus, can_id), data in self._health.items())
         return sum(int(values.get(signal, 0)) for values in decoded)
 
-    def _note_states(self, time_ns: int, frames: Iterable[BusFrame]) -> None:
-        """Record changes of the senders' states and counters in frames as events."""
+    def _note_states(self, time_ns: int, due: Iterable[BusFrame]) -> None:
+        """Record changes of the senders' states and counters in due frames as events."""
         health_ids, watched = self._health_ids, self._states.watched
-        for bus, can_id, data in frames:
-            place = bus, can_id
-            if place in health_ids:
+        # Sorted, so that the order of events does not depend on the order of arrival.
+        found = sorted(frame for frame in due if frame[:2] in health_ids or frame[:2] in watched)
+        for bus, can_id, data in found:
+            if (bus, can_id) in health_ids:
                 self._note_health(bus, can_id, data, time_ns)
-            elif place in watched:
+            else:
                 change = self._states.change(bus, can_id, data)
                 if change:
                     self._writer.event(time_ns, change)

@@ -3,6 +3,7 @@
 import gc
 import os
 import time
+import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
@@ -27,8 +28,9 @@ from bench.conductor.realtime import Realtime
 from bench.conductor.stage import Stage
 from bench.conductor.trial import try_ecus
 from bench.errors import BadInput, RunFailed
-from bench.events import RunEnded
+from bench.events import FramesLost, FramesRefused, ProcessOutput, RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
+from bench.names import CONDUCTOR
 from bench.plant.description import read_description
 from platoon_fmu.build import default_fmu
 from platoon_fmu.errors import FmuError
@@ -55,6 +57,7 @@ class RunResult:
         frames_lost: number of frames lost by all nodes together.
         deadline_misses: in real time, missed deadlines by name of an ECU, or of the plant on one bus (veh1.plant).
         scheduling: in real time, the scheduling that the kernel has granted, as text.
+        refused: what was refused on each bus that had frames that do not belong to the run.
     """
 
     path: Path
@@ -64,6 +67,7 @@ class RunResult:
     frames_lost: int
     deadline_misses: Mapping[str, int] = field(default_factory=dict)
     scheduling: str = ""
+    refused: Sequence[FramesRefused] = ()
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,7 @@ class _Started:
             frames_lost=self.frames_lost,
             deadline_misses=conductor.misses,
             scheduling=conductor.scheduling,
+            refused=conductor.refused,
         )
 
 
@@ -206,7 +211,7 @@ def _conduct(started: _Started, called: float) -> _Ending:
         called: time (`time.perf_counter`, s) from which `startup_s` counts.
     """
     options, conductor, crew = started.options, started.conductor, started.crew
-    ending = _Ending("failed", "the conductor failed")
+    ending = _Ending("failed", "the conductor was ended")
     try:
         _wait(started)
         started.startup_s = time.perf_counter() - called
@@ -219,12 +224,32 @@ def _conduct(started: _Started, called: float) -> _Ending:
         ending = _Ending("interrupted", str(error))
     except RunFailed as error:
         ending = _Ending("failed", str(error))
+    except KeyboardInterrupt:
+        ending = _Ending("interrupted", "interrupted by SIGINT")
+    except Exception as error:  # noqa: BLE001 - whatever ends a run, its log says why
+        ending = _unforeseen(started, error)
     finally:
         gc.unfreeze()
-        if ending.status != "completed":
-            _break_off(started, ending)
-        _close_log(started, ending)
+        try:
+            if ending.status != "completed":
+                _break_off(started, ending)
+        finally:
+            _close_log(started, ending)
     return ending
+
+
+def _unforeseen(started: _Started, error: Exception) -> _Ending:
+    """Return the ending of a run by an error in the bench itself; the log gets its traceback."""
+    _record_traceback(started, error)
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    last = "".join(traceback.format_exception_only(error)).strip()
+    return _Ending("failed", f"an error in the bench itself, {Path(where.filename).name} line {where.lineno}: {last}")
+
+
+def _record_traceback(started: _Started, error: Exception) -> None:
+    text = "".join(traceback.format_exception(error))
+    with suppress(RunFailed):
+        started.recorder.event(max(started.conductor.cycle, 0), ProcessOutput(CONDUCTOR, text))
 
 
 def _wait(started: _Started) -> None:
@@ -253,13 +278,27 @@ def _break_off(started: _Started, ending: _Ending) -> None:
         # A bus may have gone down; then nodes on the other buses are stopped, and the remaining ones are killed.
         conductor.stop()
     started.crew.stop(GRACE_S / 2)
-    conductor.record_rest(recorder)
-    recorder.event(conductor.cycle, RunEnded(ending.status, ending.reason))
+    try:
+        conductor.record_rest(recorder)
+    except RunFailed:
+        raise
+    except Exception as error:  # noqa: BLE001 - what has ended the run may also be in the way here
+        _record_traceback(started, error)
+    recorder.event(max(conductor.cycle, 0), RunEnded(ending.status, ending.reason))
 
 
 def _close_log(started: _Started, ending: _Ending) -> None:
     conductor, recorder = started.conductor, started.recorder
-    started.frames_lost = recorder.frames_lost() + sum(link.frames_lost() for link in started.links.values())
+    lost = {bus: link.frames_lost() for bus, link in started.links.items()}
+    started.frames_lost = recorder.frames_lost() + sum(lost.values())
+    refused = conductor.refused
+    with suppress(RunFailed):
+        # An error of writing is reported by `close`.
+        for bus, count in lost.items():
+            if count:
+                recorder.event(max(conductor.cycle, 0), FramesLost(bus, count))
+        for event in refused:
+            recorder.event(max(conductor.cycle, 0), event)
     recorder.close(
         {
             "status": ending.status,
@@ -269,6 +308,8 @@ def _close_log(started: _Started, ending: _Ending) -> None:
             "recorder_cpu_s": f"{recorder.cpu_s:.6f}",
             "cycles": str(conductor.cycles),
             "frames_lost": str(started.frames_lost),
+            "frames_refused": str(sum(sum(each.counts.values()) for each in refused)),
+            **{f"frames_refused {each.bus}": each.kinds for each in refused},
             "e2e_errors": str(recorder.e2e_errors()),
         }
     )

@@ -8,7 +8,7 @@ from bench.bus.control_channel import ControlChannel
 from bench.bus.link.address import Address
 from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
-from bench.bus.node import serve
+from bench.bus.node import read_up, serve
 from bench.ecu.alone import await_bench
 from bench.ecu.loading import load_classes, make_node
 from bench.errors import BadInput
@@ -58,5 +58,6 @@ def serve_ecu(
         else:
             # Once more in this process: memory shared with the fork server is copied when it is first written to.
             load_classes([spec])
+            read_up([node])
             channel.ready(node.name, ecu.inputs)
             serve([node], channel.lifeline)

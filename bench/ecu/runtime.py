@@ -94,6 +94,11 @@ class EcuNode:
         return self._inbox.opened >= 0 or self._inbox.stopped
 
     @property
+    def opened(self) -> int:
+        """The newest cycle that the conductor has opened; -1 before the first."""
+        return self._inbox.opened
+
+    @property
     def stopped(self) -> bool:
         """Whether the conductor has told this ECU to stop."""
         return self._inbox.stopped
@@ -102,7 +107,7 @@ class EcuNode:
     def wake_at(self) -> float | None:
         """When to poll again even if nothing arrives (time.monotonic, s); None for never."""
         inbox = self._inbox
-        if not inbox.realtime or inbox.cycle > inbox.opened:
+        if not inbox.realtime or not inbox.settled or inbox.cycle > inbox.opened:
             return None
         return inbox.opened_at + self._input_wait_s
 

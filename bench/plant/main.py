@@ -9,7 +9,7 @@ from bench.bus.control_channel import ControlChannel
 from bench.bus.link.address import Address
 from bench.bus.link.base import Link
 from bench.bus.link.opening import open_link
-from bench.bus.node import serve
+from bench.bus.node import read_up, serve
 from bench.faults.plan import FaultPlan
 from bench.names import PLANT, vehicle_bus
 from bench.plant.description import read_description
@@ -68,5 +68,6 @@ def serve_plant(channel: ControlChannel, scenario: Scenario, fmu: Path, address:
         codecs = load_codecs(vehicles)
         nodes = make_nodes(scenario, fmu, lambda bus: open_link(bus, address), codecs, channel.truth, stack, plan)
         # It publishes without waiting for any input of the cycle, so nothing can delay it.
+        read_up(nodes)
         channel.ready(PLANT, ())
         serve(nodes, channel.lifeline)

@@ -75,7 +75,7 @@ class VehicleNode:
         self._link = link
         self._truth = truth
         self._commands = {name: Topic(bus, name) for name in COMMANDS}
-        self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values(), name=self.name, plan=plan)
+        self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values(), name=self.name, joins=False, plan=plan)
         self._outbox = Outbox(self.name, {bus: link}, {bus: codec}, plan)
         self._faults = VehicleFaults(vehicle, plan, description.inputs)
         self._actuators = Actuators()
@@ -100,6 +100,11 @@ class VehicleNode:
         if not inbox.realtime:
             return 0.0
         return inbox.opened_at + (REST_S if inbox.cycle > inbox.opened else COLLECT_S)
+
+    @property
+    def opened(self) -> int:
+        """The newest cycle that the conductor has opened; -1 before the first."""
+        return self._inbox.opened
 
     @property
     def stopped(self) -> bool:

@@ -1,7 +1,7 @@
 """One ECU's part of a log: the frames of its buses, cycle by cycle, its own separated from its inputs."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,14 +11,15 @@ import numpy.typing as npt
 from bench.bus.codec import Codec
 from bench.bus.e2e import check
 from bench.bus.frame import BusFrame
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.network import EcuSlot
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS
 from bench.faults.base import Fault
 from bench.record.reader import Run
+from bench.record.whole import whole_length
 
 
 @dataclass(frozen=True)
@@ -65,14 +66,13 @@ def _bus_log(run: Run, bus: str, codec: Codec, limit: int) -> BusLog:
     begun = np.zeros(len(synced), np.int64)
     realtime = False
     for row in table[table["can_id"] == codec.can_id(BENCH_SYNC)]:
-        data = _data(row)
-        if len(data) != 8 or not check(data, codec.data_id(BENCH_SYNC)):
+        sync = read_sync(codec, _data(row))
+        # The log has a refused one, whatever cycle it names, in that in which it came.
+        if sync is None or sync.command is BenchCommand.STOP or sync.cycle != row["time"] // CYCLE_NS:
             continue
-        values = codec.decode(int(row["can_id"]), data)[1]
-        cycle = int(values["Cycle"])
-        if values["Command"] != BenchCommand.STOP and cycle < len(synced):
-            synced[cycle], begun[cycle] = True, int(row["receive"])
-            realtime = values["Command"] == BenchCommand.RUN_REALTIME
+        if not synced[sync.cycle]:
+            synced[sync.cycle], begun[sync.cycle] = True, int(row["receive"])
+            realtime = sync.realtime
     return BusLog(table, cycles, synced, realtime, begun)
 
 
@@ -131,6 +131,10 @@ class EcuLog:
         self._own = {
             bus: frozenset(codecs[bus].can_id(t.message) for t in self._sends if t.bus == bus) for bus in self.codecs
         }
+        for bus, log in self.buses.items():
+            # Frames of its identifiers in another length are somebody else's.
+            kept = whole_length(log.table, self.codecs[bus]) | ~np.isin(log.table["can_id"], list(self._own[bus]))
+            self.buses[bus] = replace(log, table=log.table[kept], cycles=log.cycles[kept])
         others = {bus: frozenset(codec.can_ids) - self._own[bus] for bus, codec in self.codecs.items()}
         places = {place for fault in faults for place in fault.identifiers(slot.name)}
         # Frames with another node's identifier cannot be distinguished from that node's.

@@ -126,9 +126,10 @@ class Rerun:
         """
         return self._realtime() if self._log.realtime else self._lockstep()
 
-    def frames(self, bus: str, frames: Sequence[CanFrame]) -> None:
+    def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `bench.conductor.crew.Listener`."""
         self._sent += [BusFrame(bus, *frame) for frame in frames]
+        return bool(frames)
 
     def truth(self, row: Truth) -> None:
         """See `bench.conductor.crew.Listener`; no ECU has any."""

@@ -6,8 +6,8 @@ import pytest
 
 from bench.analysis.timing import LONGEST_MS, histograms, timing
 from bench.bus.codec import load_codecs
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput
 from bench.record import LogDamaged, Run, RunWriter

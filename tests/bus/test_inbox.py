@@ -284,7 +284,8 @@ def test_a_skipped_cycle_is_one_more_without_a_frame_where_none_came() -> None:
     rig.sync(0)
     rig.motion(0)
     assert rig.step() is not None
-    rig.inbox.skip()
+    rig.sync(1)
+    rig.drained().skip()
     assert rig.heard() == Reception(ReceptionState.MISSING, 1)
     rig.sync(2)
     rig.motion(2)
@@ -373,20 +374,27 @@ def test_after_a_silence_of_all_counters_the_next_frame_is_refused_and_not_waite
     assert rig.step() is not None
 
 
-def test_a_frame_after_a_later_one_is_not_used() -> None:
+def test_a_frame_after_a_later_one_is_not_used_but_ends_the_wait() -> None:
+    """Anybody may have sent the later one."""
     rig = Rig()
     rig.sync(0)
     rig.motion(1)
-    rig.motion(0)
     assert not rig.drained().complete
+    rig.motion(0)
+    assert rig.step() is None
+    assert rig.inbox.health.e2e_errors == 0, "it is told with the next"
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 1
 
 
-def test_a_frame_after_the_announcement_of_a_later_one_is_not_used() -> None:
+def test_a_frame_after_the_announcement_of_a_later_one_is_used() -> None:
     rig = Rig()
     rig.sync(0)
     rig.absent(1, "VehicleMotion")
     rig.motion(0)
-    assert not rig.drained().complete
+    assert rig.step() is not None
+    rig.sync(1)
+    assert rig.step() is None
 
 
 def test_a_frame_late_by_thirteen_cycles_is_not_taken_for_one_to_come() -> None:
@@ -508,6 +516,189 @@ def test_stop_is_told_and_opens_no_cycle() -> None:
     rig.sync(1, command=BenchCommand.STOP)
     assert rig.drained().stopped
     assert rig.inbox.opened == 0
+
+
+FORGED = [
+    {"Command": 1, "Cycle": 4_000_000, "Time": 16_777.215},
+    {"Command": 2, "Cycle": 4_000_000, "Time": 16_777.215},
+    {"Command": 1, "Cycle": 5, "Time": 0.05},
+    {"Command": 1, "Cycle": 3, "Time": 0.03},
+    {"Command": 1, "Cycle": 2, "Time": 0.02},
+    {"Command": 1, "Cycle": 0, "Time": 0.0},
+    {"Command": 1, "Cycle": 4, "Time": 1.0},
+    {"Command": 2, "Cycle": 4, "Time": 0.04},
+    {"Command": 0, "Cycle": 0, "Time": 0.0},
+    {"Command": 0, "Cycle": 5, "Time": 0.05},
+    {"Command": 0, "Cycle": 1_000, "Time": 10.0},
+]
+"""BenchSync with a good CRC after that of cycle 3, in virtual time."""
+
+
+@pytest.mark.parametrize("values", FORGED)
+@pytest.mark.parametrize("bus", BUSES)
+def test_a_bench_sync_that_does_not_follow_is_refused(bus: str, values: dict[str, float]) -> None:
+    rig = Rig()
+    for cycle in range(4):
+        rig.sync(cycle)
+        rig.send(bus, "BenchSync", values, int(values["Cycle"]))
+        rig.motion(cycle)
+        if cycle < 3:
+            rig.step()
+    assert not rig.drained().stopped
+    assert (rig.inbox.cycle, rig.inbox.opened, rig.inbox.realtime) == (3, 3, False)
+    rig.step()
+    rig.sync(4)
+    rig.motion(4)
+    assert rig.step() is not None
+    assert rig.inbox.health.e2e_errors >= 4
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 7])
+def test_a_bench_sync_of_another_length_is_refused(length: int) -> None:
+    rig = Rig()
+    can_id, data = CODECS["veh1"].encode("BenchSync", {"Command": 1, "Cycle": 0, "Time": 0.0}, 0)
+    rig.far["veh1"].send(can_id, data[:length])
+    assert rig.drained().opened == -1
+    rig.sync(0)
+    assert rig.drained().health.e2e_errors == 1
+
+
+def test_a_bench_sync_whose_counter_is_not_that_of_its_cycle_is_refused() -> None:
+    rig = Rig()
+    rig.send("veh1", "BenchSync", {"Command": 1, "Cycle": 0, "Time": 0.0}, 1)
+    assert rig.drained().opened == -1
+
+
+@pytest.mark.parametrize(
+    ("run", "stopping"), [(BenchCommand.RUN, {5}), (BenchCommand.RUN_REALTIME, {3, 4, 5})], ids=["virtual", "real"]
+)
+def test_stop_is_obeyed_after_a_cycle_only_and_in_real_time_a_little_late(
+    run: BenchCommand, stopping: set[int]
+) -> None:
+    for cycle in (0, 2, 3, 4, 5, 6, 1_000):
+        rig = Rig()
+        rig.sync(cycle, command=BenchCommand.STOP)
+        assert not rig.drained().stopped
+        for number in range(5):
+            rig.sync(number, command=run)
+        rig.sync(cycle, command=BenchCommand.STOP)
+        assert rig.drained().stopped is (cycle in stopping), cycle
+
+
+def test_a_node_that_is_not_settled_is_not_stopped() -> None:
+    rig = Rig()
+    rig.sync(40)
+    rig.sync(41, command=BenchCommand.STOP)
+    assert not rig.drained().stopped
+
+
+def test_stop_of_cycle_0_is_what_start_values_make_and_stops_nobody() -> None:
+    rig = Rig()
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
+    rig.send("veh1", "BenchSync", CODECS["veh1"].start_values("BenchSync"), 0)
+    assert not rig.drained().stopped
+
+
+@pytest.mark.parametrize("forged", [2, 777, 1_000_000])
+@pytest.mark.parametrize("bus", BUSES)
+def test_a_forged_bench_sync_before_the_first_cycle_keeps_nobody_from_it(forged: int, bus: str) -> None:
+    rig = Rig(MOTION, PEER)
+    rig.sync(forged, bus)
+    rig.motion(forged)
+    rig.drained()
+    rig.sync(0)
+    rig.motion(0)
+    inputs = rig.drained()
+    assert (inputs.cycle, inputs.opened, inputs.settled, inputs.complete) == (0, 0, True, True)
+    rig.sync(forged, bus)
+    assert rig.drained().opened == 0
+
+
+def test_a_node_that_joins_is_settled_with_the_second_bench_sync() -> None:
+    rig = Rig()
+    rig.sync(40)
+    assert not rig.drained().settled
+    rig.sync(90)
+    assert (rig.drained().cycle, rig.inbox.settled) == (90, False)
+    rig.sync(91)
+    assert rig.drained().settled
+    rig.sync(40)
+    assert rig.drained().opened == 91
+
+
+def test_a_node_that_does_not_join_begins_with_cycle_0() -> None:
+    address = Address.parse("direct")
+    far, near = open_link("veh1", address), open_link("veh1", address)
+    inbox = Inbox({"veh1": near}, CODECS, (MOTION,), joins=False)
+    for cycle, opened in ((7, -1), (0, 0)):
+        values = {"Command": BenchCommand.RUN, "Cycle": cycle, "Time": cycle / 100}
+        far.send(*CODECS["veh1"].encode("BenchSync", values, cycle))
+        inbox.drain()
+        assert inbox.opened == opened
+
+
+def test_in_real_time_lost_bench_syncs_are_passed_over_but_none_is_far_ahead_of_the_clock() -> None:
+    rig = Rig()
+    for cycle, opened in ((0, 0), (1, 1), (3, 3), (2, 3), (150, 3), (4, 4)):
+        rig.now = cycle / 100 if cycle < 100 else rig.now
+        rig.sync(cycle, command=BenchCommand.RUN_REALTIME)
+        assert rig.drained().opened == opened
+    rig.now = 9.0
+    rig.sync(900, command=BenchCommand.RUN_REALTIME)
+    assert rig.drained().opened == 900
+    rig.sync(901)
+    assert rig.drained().opened == 900, "virtual time does not follow the wall clock"
+
+
+def test_in_real_time_nothing_is_announced() -> None:
+    rig = Rig(own=(REFERENCE,))
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
+    rig.absent(0, "VehicleMotion")
+    rig.absent(0, "Reference")
+    rig.motion(0)
+    assert not rig.drained().excused
+    assert rig.step() is not None
+    rig.sync(1, command=BenchCommand.RUN_REALTIME)
+    assert rig.drained().health.e2e_errors == 2
+
+
+def test_announcements_far_ahead_are_refused_and_not_kept() -> None:
+    rig = Rig(own=(REFERENCE,))
+    rig.sync(0)
+    for cycle in range(2, 500):
+        rig.absent(cycle, "Reference")
+        rig.absent(cycle, "VehicleMotion")
+    rig.motion(0)
+    assert rig.step() is not None
+    assert not rig.inbox._excused
+    rig.sync(1)
+    assert rig.drained().health.e2e_errors == 996
+
+
+def test_bench_sync_cannot_be_announced_as_absent() -> None:
+    rig = Rig()
+    rig.absent(0, "BenchSync")
+    rig.motion(0)
+    rig.sync(0, "v2v")
+    assert not rig.drained().complete
+    rig.sync(0, "veh1")
+    assert rig.step() is not None
+
+
+def test_one_announcement_does_not_excuse_a_node_that_sends_more() -> None:
+    """Anybody may have sent it; the node would be silent, and all wait for its other frames."""
+    own = tuple(Topic("veh1", name) for name in ("Reference", "PlannerStatus", "PlannerBusHealth"))
+    rig = Rig(own=own)
+    rig.sync(0)
+    for name, excused in (("Reference", False), ("PlannerStatus", False), ("PlannerBusHealth", True)):
+        rig.absent(0, name)
+        assert rig.drained().excused is excused
+    rig.inbox.skip()
+    rig.sync(1)
+    # PlannerBusHealth has a longer cycle time.
+    for name, excused in (("PlannerStatus", False), ("Reference", True)):
+        rig.absent(1, name)
+        assert rig.drained().excused is excused
 
 
 def test_in_real_time_the_cycles_that_are_over_are_left_out_and_counted() -> None:

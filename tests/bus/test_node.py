@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from bench.bus.link.direct import DirectLink, Hub
-from bench.bus.node import serve
+from bench.bus.node import read_up, serve
 from bench.errors import RunFailed
 
 
@@ -45,7 +45,9 @@ class CountingNode:
         self.links = (link,)
         self.wake_at: float | None = None
         self.rest_until = 0.0
+        self.opened = -1
         self.left = polls
+        self.opens = True
         self.heard: list[bool] = []
         self.polled_at: list[float] = []
 
@@ -57,6 +59,8 @@ class CountingNode:
         self.left -= 1
         self.polled_at.append(time.monotonic())
         self.heard.append(bool(self.links[0].receive()))
+        if self.opens and self.heard[-1]:
+            self.opened += 1
         return self.heard[-1]
 
 
@@ -90,12 +94,34 @@ def test_a_node_that_rests_is_not_woken_by_frames(link: PipeLink) -> None:
     assert node.polled_at[0] >= node.rest_until
 
 
-def test_silence_is_an_error_once_something_was_heard(link: PipeLink) -> None:
-    node = CountingNode(link, 2)
+def test_silence_is_an_error_once_a_cycle_has_begun(link: PipeLink) -> None:
+    node = CountingNode(link, 3)
     link.wake()
-    with pytest.raises(RunFailed, match=r"veh1\.counter heard no frame for 0\.01 s"):
+    with pytest.raises(RunFailed, match=r"veh1\.counter heard of no new cycle for 0\.01 s"):
         serve([node], silence_s=0.01)
-    assert node.heard == [True]
+    assert node.heard[0] is True
+
+
+def test_frames_that_begin_no_cycle_do_not_break_the_silence(link: PipeLink) -> None:
+    class Babbled(CountingNode):
+        def poll(self) -> bool:
+            heard = super().poll()
+            self.opens = False
+            link.wake()
+            return heard
+
+    node = Babbled(link, -1)
+    link.wake()
+    with pytest.raises(RunFailed, match=r"veh1\.counter heard of no new cycle for 0\.02 s"):
+        serve([node], silence_s=0.02)
+    assert node.heard.count(True) > 1
+
+
+def test_a_node_that_is_not_ready_yet_reads_what_came_before(link: PipeLink) -> None:
+    node = CountingNode(link, -1)
+    link.wake()
+    read_up([node])
+    assert node.heard == [True, False]
 
 
 def test_the_end_of_the_lifeline_ends_the_loop(link: PipeLink) -> None:

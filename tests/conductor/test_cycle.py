@@ -3,9 +3,11 @@
 import pytest
 
 from bench.bus.codec import load_codecs
-from bench.bus.frame import CanFrame
+from bench.bus.frame import BusFrame, CanFrame
 from bench.bus.topic import Topic
 from bench.conductor.cycle import CycleFrames, frames_due
+from bench.conductor.refusals import Refusals
+from bench.events import Refusal
 from bench.faults.frames import FrameDuplicate
 from bench.faults.plan import FaultPlan
 
@@ -29,8 +31,13 @@ def of(*senders: str) -> list[tuple[str, str]]:
 
 
 @pytest.fixture
-def frames() -> CycleFrames:
-    frames = CycleFrames(DUE, CODECS)
+def refusals() -> Refusals:
+    return Refusals(CODECS)
+
+
+@pytest.fixture
+def frames(refusals: Refusals) -> CycleFrames:
+    frames = CycleFrames(DUE, CODECS, refusals=refusals)
     frames.begin(7)
     return frames
 
@@ -55,7 +62,7 @@ def test_a_cycle_is_complete_with_its_last_frame(frames: CycleFrames) -> None:
         take(frames, [message])
     assert frames.complete
     assert frames.missing() == []
-    assert frames.strays == []
+    assert len(frames.due) == len(messages)
 
 
 def test_the_order_of_the_log_does_not_depend_on_the_order_of_arrival() -> None:
@@ -72,16 +79,62 @@ def test_the_order_of_the_log_does_not_depend_on_the_order_of_arrival() -> None:
     ]
 
 
-def test_strays_are_noted_and_kept(frames: CycleFrames) -> None:
+def test_frames_that_are_not_due_are_refused_and_kept(frames: CycleFrames, refusals: Refusals) -> None:
     first = frame("veh1", "Reference", 7)
-    frames.take("veh1", [first, first])
-    frames.take("veh1", [frame("veh1", "SteeringCommand", 6), CanFrame(0x7FF, b"\x01")])
-    assert frames.strays == [("veh1", first[0]), ("veh1", 0x300), ("veh1", 0x7FF)]
+    assert frames.take("veh1", [first, first]) is True
+    assert frames.take("veh1", [frame("veh1", "SteeringCommand", 6), CanFrame(0x7FF, b"\x01")]) is False
+    assert [event.fields for event in refusals.news()] == [
+        {"bus": "veh1", "can_id": first.can_id, "why": Refusal.NOT_DUE, "length": 8},
+        {"bus": "veh1", "can_id": 0x300, "why": Refusal.NOT_DUE, "length": 8},
+        {"bus": "veh1", "can_id": 0x7FF, "why": Refusal.UNKNOWN, "length": 1},
+    ]
+    assert frames.due == [BusFrame("veh1", *first)]
     assert len(list(frames.ordered())) == 4
     assert Topic("veh1", "SteeringCommand") in [due.topic for due in frames.missing()]
     frames.begin(8)
-    assert frames.strays == []
+    assert frames.due == []
     assert list(frames.ordered()) == []
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 7])
+@pytest.mark.parametrize(
+    "message", ["PlantBusHealth", "PlannerBusHealth", "TrackerBusHealth", "Reference", "TrackerStatus"]
+)
+def test_a_frame_of_another_length_is_not_the_due_one(
+    frames: CycleFrames, refusals: Refusals, message: str, length: int
+) -> None:
+    frames.begin(10)
+    can_id, data = frame("veh1", message, 10)
+    assert frames.take("veh1", [CanFrame(can_id, data[:length])]) is False
+    assert can_id in [due.can_id for due in frames.missing() if due.bus == "veh1"]
+    assert refusals.totals[0].counts == {Refusal.LENGTH: 1}
+    assert frames.due == []
+    assert frames.take("veh1", [CanFrame(can_id, data)]) is True
+
+
+def test_in_virtual_time_only_the_conductor_sends_bench_sync(frames: CycleFrames, refusals: Refusals) -> None:
+    for cycle in (7, 8, 4_000_000):
+        values = {"Command": 1, "Cycle": cycle, "Time": cycle / 100}
+        assert frames.take("veh1", [CODECS["veh1"].encode("BenchSync", values, cycle)]) is False
+    assert refusals.totals[0].counts == {Refusal.IMPLAUSIBLE: 3}
+
+
+def test_an_announcement_that_concerns_nothing_is_refused(frames: CycleFrames, refusals: Refusals) -> None:
+    for can_id, cycle in ((0x200, 6), (0x200, 8), (0x7FF, 7)):
+        assert frames.take("veh1", [absence(can_id, cycle)]) is False
+    assert refusals.totals[0].counts == {Refusal.NOT_DUE: 3}
+
+
+def test_a_spoiled_frame_is_hopeless_once_its_sender_has_sent_all_else(frames: CycleFrames) -> None:
+    """Before that, its sender may still be computing, and the spoiled one another's."""
+    can_id, data = frame("veh1", "SteeringCommand", 7)
+    frames.take("veh1", [CanFrame(can_id, bytes([data[0] ^ 1, *data[1:]]))])
+    assert frames.spoiled == {("veh1", can_id)}
+    assert frames.hopeless == []
+    take(frames, [each for each in of("veh1.tracker") if each != ("veh1", "SteeringCommand")])
+    assert frames.hopeless == [("veh1", can_id)]
+    frames.take("veh1", [CanFrame(can_id, data)])
+    assert frames.hopeless == []
 
 
 def test_the_guilty_one_has_got_all_it_needs(frames: CycleFrames) -> None:
@@ -134,9 +187,8 @@ def test_a_frame_announced_as_absent_is_not_waited_for(frames: CycleFrames) -> N
     spoiled = absence(0x200, 7)
     frames.take("veh1", [CanFrame(spoiled.can_id, bytes([spoiled[1][0] ^ 1, *spoiled[1][1:]]))])
     assert not frames.complete
-    frames.take("veh1", [absence(0x200, 7)])
+    assert frames.take("veh1", [absence(0x200, 7)]) is True
     assert frames.complete
-    assert frames.strays == []
 
 
 def test_a_due_frame_with_a_wrong_crc_does_not_count_until_it_is_given_up(frames: CycleFrames) -> None:
@@ -156,4 +208,4 @@ def test_copies_that_a_fault_makes_belong_to_the_cycle() -> None:
     assert not frames.complete
     take(frames, [("veh1", "Reference"), ("veh1", "Reference")])
     assert frames.complete
-    assert frames.strays == []
+    assert not frames.take("veh1", [frame("veh1", "Reference", 7)])

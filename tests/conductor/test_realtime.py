@@ -13,12 +13,13 @@ import pytest
 from bench.analysis.timing import NodeTiming, Timing, timing
 from bench.bus.codec import load_codecs
 from bench.bus.control_channel import Truth
-from bench.bus.inbox import BENCH_SYNC
+from bench.bus.frame import CanFrame
 from bench.bus.link.address import Address
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.link.opening import open_link
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
 from bench.conductor.conducting import Means
 from bench.conductor.cycle import frames_due
@@ -34,7 +35,7 @@ from bench.conductor.stage import Stage
 from bench.cycle import CYCLE_NS
 from bench.ecu.loading import load_class
 from bench.errors import RunFailed
-from bench.events import DeadlineMet, DeadlineMissed, EcuFailed, EcuNote
+from bench.events import DeadlineMet, DeadlineMissed, EcuFailed, EcuNote, Refusal
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.plant.description import read_description
 from bench.record import Run, RunWriter
@@ -95,6 +96,7 @@ class ScriptedCrew:
         self.pids: Mapping[str, int] = {}
 
     def attend(self, timeout_s: float) -> bool:  # noqa: ARG002 - all is there or will never be
+        waited = False
         if not self.parts:
             return False
         assert self.listener is not None
@@ -102,8 +104,8 @@ class ScriptedCrew:
         for bus, link in self.links.items():
             mine = [frame for frame in part if frame[0] == bus]
             link.times = [at_ns for _, at_ns, _, _ in mine]
-            self.listener.frames(bus, [(can_id, data) for _, _, can_id, data in mine])
-        return True
+            waited |= self.listener.frames(bus, [CanFrame(can_id, data) for _, _, can_id, data in mine])
+        return waited
 
     def restart(self, name: str) -> None:
         self.restarted.append(name)
@@ -239,6 +241,52 @@ def test_a_counter_that_cannot_be_believed_names_no_cycle(conduct: Conduct) -> N
     table = found.log.frame_table("veh1")
     rows = table[table["can_id"] == steering]
     assert np.bincount(rows["time"] // CYCLE_NS).tolist() == [1, 1, 1, 1, 1, 3, 3, 1]
+
+
+FORGED = [
+    ({"Command": 2, "Cycle": 4_000_000, "Time": 16_777.215}, 0),
+    ({"Command": 2, "Cycle": 60, "Time": 0.6}, 0),
+    ({"Command": 2, "Cycle": 1, "Time": 0.01}, 0),
+    ({"Command": 2, "Cycle": 4, "Time": 0.0}, 0),
+    ({"Command": 2, "Cycle": 4, "Time": 0.04}, 1),
+    ({"Command": 1, "Cycle": 4, "Time": 0.04}, 0),
+    ({"Command": 0, "Cycle": 4, "Time": 0.04}, 0),
+]
+"""BenchSync with a good CRC in cycle 3, and what is added to its alive counter."""
+
+
+@pytest.mark.parametrize(("values", "more"), FORGED)
+def test_a_bench_sync_that_is_not_the_clocks_begins_no_cycle(
+    conduct: Conduct, values: dict[str, float], more: int
+) -> None:
+    parts = [cycle_in_time(cycle) for cycle in range(6)]
+    at_ns = START_NS + 3 * CYCLE_NS + 4 * MS
+    parts[3] += [(bus, at_ns, *CODECS[bus].encode(BENCH_SYNC, values, int(values["Cycle"]) + more)) for bus in BUSES]
+    found = conduct(parts, 6)
+    assert found.conductor.cycles == 6
+    assert found.conductor.misses == dict.fromkeys(NODES, 0)
+    assert [total.counts for total in found.conductor.refused] == [{Refusal.IMPLAUSIBLE: 1}] * 2
+    assert found.log.frame_table("veh1")["time"].max() == 6 * CYCLE_NS
+
+
+@pytest.mark.parametrize("length", range(8))
+def test_a_frame_of_another_length_is_refused_whatever_its_identifier(conduct: Conduct, length: int) -> None:
+    before = [(bus, START_NS, can_id, bytes(length)) for bus in BUSES for can_id in CODECS[bus].can_ids]
+    parts = [cycle_in_time(cycle) for cycle in range(6)]
+    parts[3] = [*parts[3], *((bus, at_ns + 3 * CYCLE_NS, *frame) for bus, at_ns, *frame in before)]
+    found = conduct([before, *parts], 6)
+    assert found.conductor.misses == dict.fromkeys(NODES, 0)
+    for total in found.conductor.refused:
+        assert total.counts == {Refusal.LENGTH: 2 * len(CODECS[total.bus].can_ids)}
+    table = found.log.frame_table("veh1")
+    assert np.bincount(table["length"], minlength=9)[length] == len(CODECS["veh1"].can_ids)
+    assert set(table[table["length"] == length]["time"]) == {3 * CYCLE_NS}
+
+
+def test_a_flood_does_not_hide_that_the_clock_says_nothing(conduct: Conduct) -> None:
+    flood = [("veh1", START_NS, 0x7FF, b"1"), ("veh1", START_NS, 0x107, b""), *node("veh1.tracker", 0, 3.0)]
+    with pytest.raises(RunFailed, match=r"no frame came for 0\.02 s, not even from the clock"):
+        conduct([cycle_in_time(0), *([flood] * 100_000)], 5, silence_s=0.02)
 
 
 def test_an_ecu_that_meets_no_deadline_ends_the_run(conduct: Conduct) -> None:

@@ -8,12 +8,12 @@ import pytest
 from e2e.p01 import e2e_p01_check
 
 from bench.bus.codec import Codec, load_codecs
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.link.address import Address
 from bench.bus.link.base import EXTENDED, Link
 from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
 from bench.bus.node import Node
+from bench.bus.sync import BENCH_SYNC
 from bench.ecu.loading import DEFAULT_ECUS, make_node
 from bench.faults.plan import FaultPlan
 from bench.plant.main import make_nodes

@@ -100,6 +100,10 @@ OLD: list[tuple[events.Event, str, str, str]] = [
 NEW: list[events.Event] = [
     events.StateChange("warning", "veh3.planner", "degraded", "safe", "OwnMotionLost", "SensorLost"),
     events.CauseChange("warning", "veh3.planner", "degraded", "PeerLost", "PeerMissing"),
+    events.StrayFrame("veh1", 0x107, "wrong_length", 1),
+    events.StrayFrame("v2v", None, "malformed"),
+    events.FramesRefused("veh1", {"wrong_length": 3}, {"wrong_length": {"0x107": 3}}),
+    events.FramesLost("veh1", 7),
 ]
 """What logs without kinds did not have."""
 

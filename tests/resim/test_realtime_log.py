@@ -3,8 +3,8 @@
 import pytest
 
 from bench.bus.codec import load_codecs
-from bench.bus.inbox import BENCH_SYNC
 from bench.bus.states import BenchCommand
+from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
 from bench.cycle import CYCLE_NS
 from bench.record.reader import Run

@@ -1,11 +1,12 @@
 """The base class of links: one end of one bus of classical CAN frames."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from types import TracebackType
 
 from bench.bus.frame import CanFrame
 from bench.errors import RunFailed
+from bench.events import Refusal
 
 EXTENDED = 0x8000_0000
 """Set in 29-bit identifiers (Linux's CAN_EFF_FLAG), to distinguish them from 11-bit ones of the same number."""
@@ -24,6 +25,7 @@ class Link(ABC):
     Attributes:
         name: the bus, `v2v` or `veh<i>`.
         ignored: number of frames received that are not classical data frames (remote, error, CAN FD, malformed).
+        on_ignored: called with the kind and, if it has one, the identifier of each of them; None for nobody.
         times: arrival time of each frame of the newest `receive`, ns since 1970; None if the link does not provide it,
             or `keep_times` has not been called.
     """
@@ -32,6 +34,7 @@ class Link(ABC):
         """Name the link."""
         self.name = name
         self.ignored = 0
+        self.on_ignored: Callable[[Refusal, int | None], None] | None = None
         self.times: list[int] | None = None
 
     @abstractmethod
@@ -57,6 +60,12 @@ class Link(ABC):
 
     def select(self, can_ids: Collection[int]) -> None:  # noqa: B027 - links that cannot, need not
         """Receive only these identifiers from now on; a hint: others may still be returned."""
+
+    def _ignore(self, why: Refusal, can_id: int | None = None) -> None:
+        """Count a received frame that is not a classical data frame."""
+        self.ignored += 1
+        if self.on_ignored is not None:
+            self.on_ignored(why, can_id)
 
     @abstractmethod
     def fileno(self) -> int:

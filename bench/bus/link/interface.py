@@ -9,6 +9,7 @@ from bench.bus.frame import CanFrame
 from bench.bus.link.base import EXTENDED, MOST_FRAMES, Link, LinkError
 from bench.bus.link.place import Place
 from bench.errors import BadInput
+from bench.events import Refusal
 
 
 class InterfaceLink(Link):
@@ -50,11 +51,12 @@ class InterfaceLink(Link):
                 raise LinkError(f"bus {self.name}: no frames can be received: {error}") from error
             if message is None:
                 break
-            if message.is_remote_frame or message.is_error_frame or message.is_fd:
-                self.ignored += 1
-                continue
-            extended = EXTENDED if message.is_extended_id else 0
-            frames.append(CanFrame(message.arbitration_id | extended, bytes(message.data)))
+            can_id = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+            why = _other_than_data(message)
+            if why is None:
+                frames.append(CanFrame(can_id, bytes(message.data)))
+            else:
+                self._ignore(why, None if why is Refusal.ERROR else can_id)
         return frames
 
     def fileno(self) -> int:
@@ -68,6 +70,17 @@ class InterfaceLink(Link):
     def close(self) -> None:
         """See `Link`."""
         self._bus.shutdown()
+
+
+def _other_than_data(message: can.Message) -> Refusal | None:
+    """Return what a message is if it is not a classical data frame."""
+    if message.is_error_frame:
+        return Refusal.ERROR
+    if message.is_remote_frame:
+        return Refusal.REMOTE
+    if message.is_fd:
+        return Refusal.FD
+    return Refusal.MALFORMED if len(message.data) > 8 else None
 
 
 def open_interface(name: str, place: Place, bit_rate: int) -> InterfaceLink:

@@ -3,6 +3,7 @@
 import errno
 import socket
 import struct
+import sys
 from collections.abc import Collection
 
 from can.interfaces.socketcan import SocketcanBus
@@ -12,6 +13,7 @@ from bench.bus.link.base import LinkError
 from bench.bus.link.kernel_links import check_links
 from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
+from bench.events import Refusal
 
 _FRAME = struct.Struct("=IB3x8s")
 """struct can_frame of linux/can.h: identifier and flags, length, data."""
@@ -22,7 +24,8 @@ _FILTER = struct.Struct("=II")
 _EXACTLY = 0xDFFF_FFFF
 """All bits of identifier and flags except the error flag, which in a mask selects error frames only."""
 
-_REMOTE_OR_ERROR = 0x6000_0000
+_REMOTE, _ERROR = 0x4000_0000, 0x2000_0000
+_REMOTE_OR_ERROR = _REMOTE | _ERROR
 
 
 class SocketcanLink(SocketLink):
@@ -36,6 +39,8 @@ class SocketcanLink(SocketLink):
         """
         super().__init__(name, _open(name, channel))
         self._channel = channel
+        # Without this, the kernel keeps CAN FD frames to itself, and nobody would know of them.
+        self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
 
     def send(self, can_id: int, data: bytes) -> None:
         """See `Link`."""
@@ -52,9 +57,13 @@ class SocketcanLink(SocketLink):
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters)
 
     def _parse(self, datagram: bytes) -> CanFrame | None:
+        if len(datagram) != _FRAME.size:
+            # struct canfd_frame begins likewise.
+            self._ignore(Refusal.FD, int.from_bytes(datagram[:4], sys.byteorder))
+            return None
         can_id, length, data = _FRAME.unpack(datagram)
         if can_id & _REMOTE_OR_ERROR:
-            self.ignored += 1
+            self._ignore(*(Refusal.ERROR, None) if can_id & _ERROR else (Refusal.REMOTE, can_id & ~_REMOTE))
             return None
         return CanFrame(can_id, data[:length])
 

@@ -17,6 +17,7 @@ from bench.bus.link.base import EXTENDED, LinkError
 from bench.bus.link.multicast import MulticastSocket
 from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
+from bench.events import Refusal
 
 GROUP = UdpMulticastBus.DEFAULT_GROUP_IPv4
 
@@ -49,6 +50,9 @@ _DATA_AT, _DATA_END = -_AFTER_DATA - 8, -_AFTER_DATA
 
 _EIGHT_BYTES = b"\xc4\x08"
 """The bytes before 8 bytes of data: msgpack's bin 8."""
+
+_OTHERS = {"is_error_frame": Refusal.ERROR, "is_remote_frame": Refusal.REMOTE, "is_fd": Refusal.FD}
+"""What is not a classical data frame, by the key of python-can's map."""
 
 _LEAST_BYTES = 100
 _REMEMBERED = 1024
@@ -139,13 +143,17 @@ class UdpLink(SocketLink):
             frame = self._unpack(datagram)
             can_id, data = frame["arbitration_id"], frame["data"]
             extended = EXTENDED if frame["is_extended_id"] else 0
-            others = frame["is_remote_frame"] or frame["is_error_frame"] or frame["is_fd"]
-            if not others and 0 <= can_id < (1 << 29 if extended else 1 << 11) and len(data) <= 8:
-                return CanFrame(can_id | extended, bytes(data))
+            why = next((why for key, why in _OTHERS.items() if frame[key]), None)
+            if not 0 <= can_id < (1 << 29 if extended else 1 << 11):
+                raise ValueError("no identifier")
+            can_id |= extended
+            if why is None and len(data) <= 8:
+                return CanFrame(can_id, bytes(data))
         except (ValueError, TypeError, KeyError):
             # Anybody can send anything to a UDP port.
-            pass
-        self.ignored += 1
+            self._ignore(Refusal.MALFORMED)
+            return None
+        self._ignore(why or Refusal.MALFORMED, None if why is Refusal.ERROR else can_id)
         return None
 
 
