@@ -16,7 +16,7 @@ from bench.files import readable_log
 
 if TYPE_CHECKING:
     from bench.record.exchange import Format
-    from bench.record.overview import Noticed
+    from bench.record.overview import Noticed, Output
 
 log_app = typer.Typer(help="Inspect logs, exchange them with other tools, recover damaged ones.", no_args_is_help=True)
 
@@ -71,6 +71,7 @@ def info(
         ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
         ("events", ", ".join(f"{count} {level}" for level, count in found.events.items()) or "none"),
         *((f"causes {ecu}", ", ".join(map(_noticed, causes))) for ecu, causes in found.causes.items()),
+        *((f"output {name}", _output(output)) for name, output in found.outputs.items()),
         (
             "attachments",
             ", ".join(f"{one_line(name)} ({size} bytes)" for name, size in found.attachments.items()) or "none",
@@ -292,6 +293,10 @@ def _rate(count: int, what: str, per_s: float | None) -> str:
 def _noticed(cause: "Noticed") -> str:
     times = f" ({cause.times} times)" if cause.times > 1 else ""
     return f"{cause.cause} at {cause.first_s:.2f} s{times}"
+
+
+def _output(output: "Output") -> str:
+    return output.last + (f" ({output.lines} lines)" if output.lines > 1 else "")
 
 
 def _cell(value: object) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from bench.events import CauseChange, StateChange
+from bench.events import CauseChange, ProcessOutput, StateChange
 from bench.mcap.recovered import Recovery
 from bench.mcap.time_span import NS, Span
 from bench.record.event import Event
@@ -31,6 +31,14 @@ class Noticed:
 
 
 @dataclass(frozen=True)
+class Output:
+    """What a process has written: the line that says most, the last one of a traceback, and the number of lines."""
+
+    last: str
+    lines: int
+
+
+@dataclass(frozen=True)
 class Overview:
     """Summary of a log.
 
@@ -47,6 +55,7 @@ class Overview:
         events: number of events of each level.
         causes: ECU -> the causes that it reported once it had started, in the order of their first times. In logs
             of older versions only those with which its state changed.
+        outputs: process -> what it has written to its standard output or error.
         attachments: file name -> bytes.
         damage: damage of the file, empty if intact.
     """
@@ -63,6 +72,7 @@ class Overview:
     signals: int
     events: dict[str, int]
     causes: dict[str, list[Noticed]]
+    outputs: dict[str, Output]
     attachments: dict[str, int]
     damage: str
 
@@ -94,6 +104,7 @@ def overview(run: Run) -> Overview:
         signals=len(run.names()),
         events={level: levels.count(level) for level in dict.fromkeys(levels)},
         causes=_causes(run.events),
+        outputs=_outputs(run.events),
         attachments={name: len(data) for name, data in run.attachments.items()},
         damage=run.damage,
     )
@@ -110,6 +121,23 @@ def _causes(events: Iterable[Event]) -> dict[str, list[Noticed]]:
             before = own.get(cause, Noticed(cause, event.time_s, 0))
             own[cause] = replace(before, times=before.times + 1)
     return {ecu: list(found[ecu].values()) for ecu in sorted(found)}
+
+
+def _outputs(events: Iterable[Event]) -> dict[str, Output]:
+    texts: dict[str, list[str]] = {}
+    for event in events:
+        output = event.fields.get("output")
+        if event.kind == ProcessOutput.kind and isinstance(output, str):
+            # A traceback may come in several pieces.
+            texts.setdefault(event.source, []).append(output)
+    found = {}
+    for name, pieces in sorted(texts.items()):
+        lines = [line.rstrip() for line in "".join(pieces).splitlines() if line.strip()]
+        # Lines of a traceback before its last, and what we say of calls after an error, are indented.
+        plain = [line for line in lines if not line[0].isspace()]
+        if lines:
+            found[name] = Output((plain or lines)[-1].strip(), len(lines))
+    return found
 
 
 def _count(run: Run, topic: str, name: str, whole: Span | None) -> TopicCount:

@@ -9,6 +9,7 @@ import pytest
 from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
+from bench.ecu.loading import DEFAULT_ECUS
 from bench.events import CauseChange, StateChange
 from bench.record.exchange.events import EventFormat, export_events
 from bench.record.overview import Noticed, overview
@@ -81,3 +82,26 @@ def test_the_events_of_a_real_run_are_exported(noisy: Run, tmp_path: Path, kind:
     assert noticed[0] == next(c.first_s for c in overview(noisy).causes["veh3.planner"] if c.cause == "PeerLost")
     crash = {(row["ecu"], row["vehicle"]) for row in rows if row.get("fault") == "ecu_crash"}
     assert crash == {("veh2.tracker", 2)}
+
+
+def test_an_ecu_that_prints_a_traceback_has_its_last_line_in_the_overview(tmp_path: Path) -> None:
+    text = """
+import traceback
+from bench.ecu import Command, TrackerBase
+
+class Grumbling(TrackerBase):
+    def control(self, motion, reference):
+        try:
+            return Command.evenly(1.0 / (self.time_s - 0.05), 0.0)
+        except ZeroDivisionError:
+            traceback.print_exc()
+            return Command.evenly(0.0, 0.0)
+"""
+    (tmp_path / "my_ecu.py").write_text(text)
+    ecus = {**DEFAULT_ECUS, "tracker": f"{tmp_path}/my_ecu.py:Grumbling"}
+    scenario = load("formation", ["duration_s=0.1"])
+    out, address = tmp_path / "run.mcap", Address.parse("udp")
+    recorded = Run(run(RunOptions(scenario, address=address, out=out, command_line=["test"], ecus=ecus)).path)
+    last = {output.last for output in overview(recorded).outputs.values()}
+    assert last == {"ZeroDivisionError: float division by zero"}
+    assert set(overview(recorded).outputs) == {"veh1.tracker", "veh2.tracker", "veh3.tracker"}

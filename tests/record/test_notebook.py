@@ -2,11 +2,14 @@
 
 import json
 import shutil
+import subprocess
 from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import polars as pl
+
+from platoon_fmu.interpreter import interpreter
 
 NOTEBOOK = Path(__file__).parents[2] / "docs" / "analysis.ipynb"
 
@@ -26,6 +29,36 @@ def test_every_cell_runs(real_log, tmp_path, monkeypatch):
     assert isinstance(names["table"], pl.DataFrame)
     assert names["errors"].height == 99
     assert names["errors"].select(pl.all().is_null().any()).row(0) == (False,) * 4
+
+
+RUNNER = """
+import json, subprocess, sys
+import matplotlib
+matplotlib.use("Agg")
+start = subprocess.run
+def run(command, **options):
+    # Another scenario, which needs no more than half a second to end well.
+    short = ["crosswind" if word == "formation" else word for word in command]
+    return start([*short, "--set", "duration_s=0.5", "--set", "road.force_y_n=0.0"], **options)
+subprocess.run = run
+names = {}
+for cell in json.load(open(sys.argv[1]))["cells"]:
+    if cell["cell_type"] == "code":
+        exec("".join(cell["source"]), names)
+print(names["LOG"].stat().st_size, len(names["errors"]))
+"""
+
+
+def test_it_makes_its_log_where_the_environment_is_not_on_the_path(tmp_path):
+    """A kernel of another installation of Jupyter has the notebook's interpreter, but not its PATH."""
+    environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+    assert shutil.which("platoon", path=environment["PATH"]) is None
+    command = [*interpreter(), "-c", RUNNER, str(NOTEBOOK)]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    size, rows = done.stdout.split()[-2:]
+    assert (tmp_path / "formation.mcap").stat().st_size == int(size)
+    assert int(rows) == 49
 
 
 def test_it_is_small_and_names_no_machine():
