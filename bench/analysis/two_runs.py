@@ -7,7 +7,6 @@ from typing import Any
 
 from bench.analysis.metrics import Metrics
 from bench.analysis.page_data import PageData
-from bench.label import cleaned
 from bench.record.settings import MOST_SHOWN, NOTHING_DIFFERS, Settings, text_of
 
 B = "B/"
@@ -57,7 +56,7 @@ def _settings(settings: Settings) -> dict[str, Any]:
     shown = settings.differences[:MOST_SHOWN]
     nothing = [NOTHING_DIFFERS] if settings.comparable and not shown else []
     return {
-        "rows": [[each.group, cleaned(each.name), text_of(each.a), text_of(each.b)] for each in shown],
+        "rows": [[each.group, text_of(each.name), text_of(each.a), text_of(each.b)] for each in shown],
         "more": len(settings.differences) - len(shown),
         "notes": [*nothing, *settings.notes],
     }

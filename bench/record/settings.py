@@ -32,6 +32,8 @@ MOST_SHOWN = 60
 _LONGEST_VALUE = 200
 """Longer values are cut off in a text."""
 
+_MOST_NAMES = 30
+
 _SEED, _FAULTS, _VEHICLES = "seed", "faults", "vehicles"
 _ECU, _VERSION, _RESIM = "ecu ", "version ", "resim"
 _SILENT_OPTIONS = {"--out": 1, "--label": 1, "--live-address": 1, "--no-report": 0, "--live": 0}
@@ -79,10 +81,11 @@ class Settings:
         lines = [f"{letter}: {name}" for letter, name in zip("AB", self.names, strict=True)]
         if self.differences:
             shown = self.differences[:MOST_SHOWN]
-            width = min(40, max(len(each.name) for each in shown))
+            names = [text_of(each.name) for each in shown]
+            width = min(40, max(map(len, names)))
             lines.append("What differs in scenario, versions, options and machine:")
-            for each in shown:
-                lines.append(f"  {each.group:8}  {each.name:{width}}  A: {text_of(each.a)}  B: {text_of(each.b)}")
+            for each, name in zip(shown, names, strict=True):
+                lines.append(f"  {each.group:8}  {name:{width}}  A: {text_of(each.a)}  B: {text_of(each.b)}")
             if len(self.differences) > MOST_SHOWN:
                 lines.append(f"  and {len(self.differences) - MOST_SHOWN} more")
         else:
@@ -124,11 +127,16 @@ def compare_settings(a: Run, b: Run) -> Settings:
     if any(each.name == _FMU for each in found):
         # The GUID stands for the description.
         found = [each for each in found if each.name != _DESCRIPTION]
-    notes += [f"Not recorded in {letter}: {cleaned(', '.join(names))}." for letter, names in unknown.items() if names]
+    notes += [f"Not recorded in {letter}: {_listed(names)}." for letter, names in unknown.items() if names]
     commits = {run.metadata.get("commit", "") for run in (a, b)}
     if len(commits) == 1 and commits.pop().endswith("+"):
         notes.append("Both ran from a checkout with changes since its commit, which may differ.")
     return Settings(names_of(a, b), tuple(found), tuple(notes))
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(map(text_of, names[:_MOST_NAMES])) + more
 
 
 # ---- scenario
@@ -194,7 +202,8 @@ def _fault_rows(a: Sequence[Any], b: Sequence[Any]) -> Iterator[_Row]:
         other = paired[index]
         name += f" ({_kind(a[index])})" if index == other else f" ({_kind(a[index])}; {_FAULTS}.{other} in B)"
         yield from ((f"{name} {key}", *values) for key, *values in _rows("", a[index], b[other]))
-    yield from ((f"{_FAULTS}.{index}", _NONE, b[index]) for index in rest[1] if index not in paired.values())
+    others = set(paired.values())
+    yield from ((f"{_FAULTS}.{index}", _NONE, b[index]) for index in rest[1] if index not in others)
     if not any(rest) and list(a) != list(b):
         # The order seeds their random numbers.
         yield f"{_FAULTS}, order", [_kind(fault) for fault in a], [_kind(fault) for fault in b]

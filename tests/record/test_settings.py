@@ -235,3 +235,10 @@ def test_the_label_of_a_resimulation_names_its_origin(logs: Logs) -> None:
     assert resim_label(logs(label="soft"), ["veh1.tracker"]) == "soft, resim of veh1.tracker"
     assert resim_label(logs(), ["veh1.tracker", "veh1.planner"]) == "2.mcap, resim of 2 ECUs"
     assert len(resim_label(logs(label="z" * 60), ["veh1.tracker"])) == 60
+
+
+def test_of_many_names_that_are_not_recorded_the_note_lists_some(logs: Logs) -> None:
+    number = 2_000
+    names = {f"version {each}": "1" for each in range(number)}
+    (note,) = compare_settings(logs(**names), logs()).notes
+    assert note.endswith(f" and {number - 30} more.")
