@@ -27,7 +27,7 @@ from bench.conductor.options import RunOptions
 from bench.conductor.realtime import Realtime
 from bench.conductor.stage import Stage
 from bench.conductor.trial import try_ecus
-from bench.errors import BadInput, RunFailed
+from bench.errors import BadInput, BenchError, RunFailed
 from bench.events import FramesLost, FramesRefused, ProcessOutput, RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.names import CONDUCTOR
@@ -211,7 +211,7 @@ def _conduct(started: _Started, called: float) -> _Ending:
         called: time (`time.perf_counter`, s) from which `startup_s` counts.
     """
     options, conductor, crew = started.options, started.conductor, started.crew
-    ending = _Ending("failed", "the conductor was ended")
+    ending = _Ending("failed")
     try:
         _wait(started)
         started.startup_s = time.perf_counter() - called
@@ -222,12 +222,15 @@ def _conduct(started: _Started, called: float) -> _Ending:
         ending = _Ending("failed", "\n".join(problems)) if problems else _Ending("completed")
     except Interrupted as error:
         ending = _Ending("interrupted", str(error))
-    except RunFailed as error:
+    except BenchError as error:
         ending = _Ending("failed", str(error))
     except KeyboardInterrupt:
         ending = _Ending("interrupted", "interrupted by SIGINT")
     except Exception as error:  # noqa: BLE001 - whatever ends a run, its log says why
         ending = _unforeseen(started, error)
+    except BaseException as error:
+        ending = _Ending("failed", f"the conductor was ended: {type(error).__name__}: {error}")
+        raise
     finally:
         gc.unfreeze()
         try:

@@ -28,6 +28,7 @@ from bench.events import FramesRefused, Refusal, StrayFrame
 from bench.record.reader import Run
 from bench.scenario import load
 from tests.conftest import Once, Tries
+from tests.integration.conftest import Watched
 
 ROOT = Path(__file__).parents[2]
 ECUS = ROOT / "tests" / "ecus"
@@ -206,3 +207,66 @@ def test_a_run_on_the_wall_clock_refuses_what_is_not_due(can: str, stranger: Str
     # Whoever comes too late on a busy machine is refused, too.
     assert all(len(frames) > 0 for frames in due_frames(recorded).values())
     assert_readable(recorded.path, tmp_path, SIMPLE)
+
+
+def test_strangers_frames_are_no_sign_of_an_ecu_that_is_started_by_hand(
+    start: Callable[..., Watched], stranger: Stranger
+) -> None:
+    """Frames of its identifiers that are not whole do not begin the run without it; nor does it begin with others'."""
+    there = address("udp")
+    stranger(there)
+    run = start(set=["duration_s=0.5"], can=there, without=["veh2.tracker"], without_wait_s=2.0)
+    code, _, errors = run.end()
+    assert code == 1
+    assert "veh2.tracker not detected within 2 s" in errors
+    recorded = Run(run.out)
+    assert recorded.result["cycles"] == "0"
+    assert set(refused(recorded)) >= {Refusal.LENGTH.value, Refusal.DAMAGED.value, Refusal.UNKNOWN.value}
+
+
+def test_an_ecu_that_is_started_by_hand_takes_part_whatever_else_comes(
+    start: Callable[..., Watched], stranger: Stranger
+) -> None:
+    there = address("udp")
+    stranger(there)
+    alone = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "bench.cli",
+            "ecu",
+            "tracker",
+            "--vehicle",
+            "2",
+            "--can",
+            there,
+            "--class",
+            SIMPLE["tracker"],
+        ],
+        cwd=ROOT,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        run = start(set=["duration_s=0.5"], can=there, without=["veh2.tracker"])
+        assert run.end()[::2] == (0, "")
+        assert alone.wait(GUARD_S) == 0
+    finally:
+        alone.kill()
+        alone.communicate()
+    assert len(Run(run.out).message("veh2", "TrackerStatus")["t"]) >= 50
+
+
+def test_a_flood_of_strangers_does_not_hide_that_an_ecu_is_silent(
+    start: Callable[..., Watched], stranger: Stranger, unruly: Callable[..., dict[str, str]]
+) -> None:
+    there = address("udp")
+    stranger(there, pause_s=0.001)
+    run = start(set=["duration_s=60.0"], can=there, ecus=unruly(tracker="HangingTracker"), silence_s=1.0)
+    code, _, errors = run.end()
+    assert code == 1
+    assert "veh2.tracker sends no SteeringCommand (0x300 on veh2)" in errors
+    assert "no due frame was received for 1 s" in errors
+    recorded = Run(run.out)
+    assert recorded.result["status"] == "failed"
+    assert "veh2.tracker sends no SteeringCommand" in recorded.result["reason"]
