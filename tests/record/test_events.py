@@ -104,6 +104,9 @@ NEW: list[events.Event] = [
     events.StrayFrame("v2v", None, "malformed"),
     events.FramesRefused("veh1", {"wrong_length": 3}, {"wrong_length": {"0x107": 3}}),
     events.FramesLost("veh1", 7),
+    events.NotANumber("veh1.tracker", 20, "SteeringCommand", "SteeringAngle", "nan", command=True),
+    events.NumberAgain("veh1.tracker", 25, "SteeringCommand", "SteeringAngle", 5),
+    events.Clipped("veh1.tracker", 20, "SteeringCommand", "SteeringAngle", 2.0, 1.0),
 ]
 """What logs without kinds did not have."""
 
