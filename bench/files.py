@@ -59,7 +59,7 @@ def check_new(target: Path, suffix: str, *, option: str = "-o") -> None:
     check_suffix(target, suffix)
     check_directory(target)
     if os.path.lexists(target):
-        raise BadInput(f"{target} already exists; give another {option}, or remove it")
+        raise already_exists(target, option)
 
 
 def check_report(target: Path) -> None:
@@ -75,29 +75,62 @@ def check_report(target: Path) -> None:
     check_directory(target)
 
 
+def already_exists(target: Path, option: str = "-o") -> BadInput:
+    """Return the error for a file that is to be new; `option` is the command's option for another name."""
+    return BadInput(f"{target} already exists; give another {option}, or remove it")
+
+
 @contextmanager
-def written_aside(target: Path) -> Iterator[Path]:
+def written_aside(target: Path, *, new: bool = False, option: str = "-o") -> Iterator[Path]:
     """Yield a temporary path to write to, renamed to `target` on success, so that no half-written file is left.
 
+    Args:
+        target: the file.
+        new: whether it must not exist: of several processes that write it at once, one succeeds.
+        option: the command's option for another name.
+
     Raises:
-        BadInput: the file cannot be written.
+        BadInput: the file cannot be written, or exists and was to be new.
     """
     # The suffix stays: asammdf depends on it.
     aside = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         yield aside
-        aside.replace(target)
+        if new:
+            _rename_new(aside, target, option)
+        else:
+            aside.replace(target)
     except OSError as error:
         raise BadInput(f"cannot write {target}: {error.strerror or error}") from error
     finally:
         aside.unlink(missing_ok=True)
 
 
-def write_text(target: Path, text: str) -> None:
-    """Write a text file; overwrite an existing one.
+def _rename_new(aside: Path, target: Path, option: str) -> None:
+    """Rename a file to one that does not exist; renaming as such would replace it.
 
     Raises:
-        BadInput: the file cannot be written.
+        BadInput: it exists.
+        OSError: it cannot be written.
     """
-    with written_aside(target) as aside:
+    try:
+        try:
+            target.hardlink_to(aside)
+        except FileExistsError:
+            raise
+        except OSError:
+            # A file system without hard links.
+            target.touch(exist_ok=False)
+            aside.replace(target)
+    except FileExistsError as error:
+        raise already_exists(target, option) from error
+
+
+def write_text(target: Path, text: str, *, new: bool = False, option: str = "-o") -> None:
+    """Write a text file; overwrite an existing one unless it is to be `new`.
+
+    Raises:
+        BadInput: see `written_aside`.
+    """
+    with written_aside(target, new=new, option=option) as aside:
         aside.write_text(text, encoding="utf-8")

@@ -30,15 +30,18 @@ SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "ani
 LIVE_SCRIPTS = ("live",)
 
 
-def write(run: Run, out: Path, other: Run | None = None, signals: Sequence[SignalDifference] = ()) -> None:
-    """Write the report of `run`, overlaid with `other` if given, to `out`, replacing an existing file.
+def write(
+    run: Run, out: Path, other: Run | None = None, signals: Sequence[SignalDifference] = (), *, new: bool = False
+) -> None:
+    """Write the report of `run`, overlaid with `other` if given, to `out`, replacing an existing file unless `new`.
 
     Of two runs, `signals` that differ are drawn first; see `render_both`.
 
     Raises:
-        BadInput: a log has no ground truth or no scenario, or the file cannot be written.
+        BadInput: a log has no ground truth or no scenario, or the file cannot be written, or exists and was to be new.
     """
-    write_text(out, render(run) if other is None else render_both(run, other, signals))
+    page = render(run) if other is None else render_both(run, other, signals)
+    write_text(out, page, new=new, option="--out")
 
 
 def render(run: Run) -> str:

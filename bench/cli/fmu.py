@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.help import App
 from bench.cli.output import say_json
 from bench.errors import BadInput
 from platoon_fmu.errors import FmuError, UnknownPlatform
@@ -20,7 +21,7 @@ from platoon_fmu.errors import FmuError, UnknownPlatform
 if TYPE_CHECKING:
     from platoon_fmu.build import Step
 
-fmu_app = typer.Typer(help="The vehicle FMU: build, check, describe, validate.", no_args_is_help=True)
+fmu_app = App(help="The vehicle FMU: build, check, describe, validate.")
 
 
 class Fmi(StrEnum):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.help import App
 from bench.cli.output import one_line, say_json, say_table, shown
 from bench.errors import BadInput
 from bench.files import readable_log
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from bench.record.exchange import Format
     from bench.record.overview import Noticed, Output
 
-log_app = typer.Typer(help="Inspect logs, exchange them with other tools, recover damaged ones.", no_args_is_help=True)
+log_app = App(help="Inspect logs, exchange them with other tools, recover damaged ones.")
 
 
 class FormatName(StrEnum):
@@ -93,7 +94,7 @@ def signals(
     log: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A log; it may still be being written.")],
     pattern: Annotated[
         str,
-        typer.Argument(metavar="[PATTERN]", help="Patterns: '*.VehicleMotion.*', 'truth.veh1.*'; all if not given."),
+        typer.Argument(metavar="PATTERN", help="Patterns: '*.VehicleMotion.*', 'truth.veh1.*'; all if not given."),
     ] = "*",
     ranges: Annotated[
         bool, typer.Option("--ranges", help="Also show the minimum and maximum, which reads all values.")
@@ -233,12 +234,13 @@ def recover(
 @log_app.command(epilog="Exit codes: 0 done, 2 bad input.")
 def layout(
     log: Annotated[
-        Path | None, typer.Argument(metavar="[RUN.mcap]", help="Use this log's number of vehicles; else three.")
+        Path | None, typer.Argument(metavar="RUN.mcap", help="Use this log's number of vehicles; else three.")
     ] = None,
 ) -> None:
     """Print a layout to import into Foxglove or Lichtblick: road, speeds, yaw rates, states, events.
 
-    For example: platoon log layout RUN.mcap > platoon.json
+    Example:
+      platoon log layout RUN.mcap > platoon.json
     """
     from bench.record.foxglove_layout import layout as made_for
     from bench.record.reader import Run

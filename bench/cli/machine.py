@@ -19,7 +19,7 @@ def add_machine(app: typer.Typer) -> None:
 
 
 def vcan(
-    command: Annotated[list[str], typer.Argument(metavar="[--] COMMAND...", help="Any command with its arguments.")],
+    command: Annotated[list[str], typer.Argument(metavar="COMMAND", help="Any command with its arguments.")],
     memory: Annotated[int, typer.Option(metavar="MB", help="Memory limit of the small kernel.")] = 2048,
 ) -> None:
     """Run a command with the CAN links vcan0 to vcan16, even if this machine's kernel has no CAN.
@@ -27,6 +27,9 @@ def vcan(
     If this kernel has the links, or lets you create them, the command runs here, and the links stay. Otherwise it runs
     in user-mode Linux, a kernel that is an ordinary program: one core, this machine's files, your permissions. There,
     processes that the command leaves running end with it.
+
+    Example:
+      platoon vcan -- platoon run formation --can vcan
     """
     from bench.vcan.run import run_command
 

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.fmu import fmu_app
+from bench.cli.help import WIDTH, App, HelpGroup
 from bench.cli.log import log_app
 from bench.cli.machine import add_machine
 from bench.cli.options import EXIT_CODES
@@ -24,16 +25,20 @@ from bench.errors import BadInput, BenchError
 from platoon_fmu.errors import FmuError
 from platoon_fmu.interpreter import search_path
 
-app = typer.Typer(
+
+class _Platoon(HelpGroup, GuardedGroup):
+    """The commands."""
+
+
+app = App(
     name="platoon",
-    cls=GuardedGroup,
+    cls=_Platoon,
     help="A bench for cooperative vehicle control: a vehicle FMU, ECUs on CAN, MCAP logs.",
     epilog=EXIT_CODES,
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     # Colours in foreign text are shown as escapes in a file as on a terminal, not left out.
-    context_settings={"color": True},
+    context_settings={"color": True, "max_content_width": WIDTH},
 )
 add_run(app)
 add_results(app)

@@ -30,6 +30,8 @@ from rich.segment import Segment
 from rich.text import Text
 from typer.core import TyperGroup
 
+from bench.cli.usage import usage_problem
+
 LONGEST_LINE = 4000
 """Characters of a line that are shown; a terminal of usual width fills its screen with them."""
 
@@ -161,7 +163,7 @@ def _readable_usage_errors() -> Iterator[None]:
     try:
         yield
     except typer.TyperException as error:
-        error.message = shown(error.message)
+        error.message = shown(usage_problem(error) or error.message)
         raise
 
 

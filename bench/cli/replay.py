@@ -48,7 +48,8 @@ def replay(
 ) -> None:
     """Send a log's frames again, each at its time on the wire, as a restbus for a real ECU, candump or SavvyCAN.
 
-    For example: platoon replay RUN.mcap --can vcan --without veh2.tracker
+    Example:
+      platoon replay RUN.mcap --can vcan --without veh2.tracker
     """
     from bench.bus.link.address import Address, bus_number, settle
     from bench.bus.link.opening import open_link

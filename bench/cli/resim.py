@@ -49,7 +49,9 @@ def resim(
 ) -> None:
     """Run ECUs again on their recorded inputs and compare their outputs, byte by byte, then signal by signal.
 
-    For example, to review a change of a controller: platoon resim RUN.mcap --all
+    Examples:
+      platoon resim RUN.mcap --all        # after a change of a controller
+      platoon resim RUN.mcap --ecu veh2.tracker --class my_ecu.py:MyTracker
     """
     from bench.record.reader import Run
     from bench.resim.fleet import run_all

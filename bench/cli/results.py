@@ -41,7 +41,7 @@ def metrics(
 def report(
     log: Log,
     other: Annotated[
-        Path | None, typer.Argument(metavar="[OTHER.mcap]", help="The log of a run to overlay.", show_default=False)
+        Path | None, typer.Argument(metavar="OTHER.mcap", help="The log of a run to overlay.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
 ) -> None:

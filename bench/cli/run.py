@@ -77,7 +77,15 @@ def run(
     ] = None,
     live_origin: LiveOrigins = None,
 ) -> None:
-    """Run a scenario, write its log and report, and show its metrics."""
+    """Run a scenario, write its log and report, and show its metrics.
+
+    Examples:
+      platoon run five --set platoon.gap_m=12.0 --set vehicles.0.x_m=5.0
+      platoon run formation --can vcan --without veh1.tracker
+      platoon run --ecu tracker=my_ecu.py:MyTracker --out mine.mcap
+
+    What can be set: platoon scenarios --keys
+    """
     from bench.bus.link.address import Address
     from bench.scenario import load
 
@@ -140,7 +148,7 @@ def run(
         from bench.analysis.report import write
 
         report = report_path(result.path)
-        write(recorded, report)
+        write(recorded, report, new=True)
         typer.echo(f"report: {report}")
     failures = _failures(figures, loaded)
     if failures:
@@ -149,7 +157,7 @@ def run(
 
 
 def scenarios(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Print this one, as a template.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print this one, as a template.")] = None,
 ) -> None:
     """List the shipped scenarios, or print one of them."""
     from bench.scenario import SCENARIO_DIR, load, shipped
@@ -180,7 +188,12 @@ def ecu(
         typer.Option("--class", metavar="CLASS", help="Another class: my_ecu.py:MyTracker, my.module:MyTracker"),
     ] = None,
 ) -> None:
-    """Run one ECU alone, for example on another host; start the run with `--without veh1.tracker`."""
+    """Run one ECU alone, for example on another host.
+
+    Examples:
+      platoon run --can udp:45000 --without veh1.tracker
+      platoon ecu tracker --vehicle 1 --can udp:45000 --class my_ecu.py:Mine
+    """
     from bench.bus.link.address import Address
     from bench.bus.network import EcuSlot
     from bench.ecu.loading import DEFAULT_ECUS
@@ -196,12 +209,13 @@ def ecu(
 
 def fault(
     kind: Annotated[
-        str | None, typer.Argument(metavar="[KIND]", help="The kind of fault; all kinds are listed if not given.")
+        str | None, typer.Argument(metavar="KIND", help="The kind of fault; all kinds are listed if not given.")
     ] = None,
     keys: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[KEY=VALUE]...", help="Target and settings, as in a scenario: ecu=veh2.tracker, for_s=1.0."
+            metavar="KEY=VALUE",
+            help="Target and settings, as in [[faults]] of a scenario: ecu=veh2.tracker, for_s=1.0.",
         ),
     ] = None,
     run: Annotated[
@@ -211,7 +225,8 @@ def fault(
 ) -> None:
     """Inject a fault into the bench that was started in this directory, or into the one that --run names.
 
-    For example: platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
+    Example:
+      platoon fault ecu_crash ecu=veh2.tracker for_s=1.0
     """
     from bench.cli.fault_words import describe_kinds, parse
     from bench.conductor.fault_desk import ask

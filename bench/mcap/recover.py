@@ -73,7 +73,7 @@ def recover(source: Path, target: Path) -> Recovered:
     if not (len(contents.chunks) or contents.metadata or contents.attachments):
         raise BadInput(f"{source} has nothing intact: there is nothing to recover")
     done = Recovered(damaged=_lost_in_between(file), cut_off=file.walked is not None and not file.walked.ended)
-    with written_aside(target) as path, path.open("xb") as stream:
+    with written_aside(target, new=True) as path, path.open("xb") as stream:
         out = McapFile(stream, "platoon")
         for name, values in contents.metadata.items():
             if name not in ("result", METADATA):

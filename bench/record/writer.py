@@ -34,6 +34,7 @@ from bench.bus.frame import BusFrame
 from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.events import Event
+from bench.files import already_exists
 from bench.mcap.chunking import ChunkGroups, Records
 from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type, storable
 from bench.mcap.gathering import scatter
@@ -102,12 +103,15 @@ class RunWriter:
 
         Raises:
             RunFailed: the file cannot be created.
-            BadInput: the log cannot hold a DBC message.
+            BadInput: the file exists, or the log cannot hold a DBC message.
         """
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = path.open("xb")
+        except FileExistsError as error:
+            # Checked before; another process has created it since.
+            raise already_exists(path, "--out") from error
         except OSError as error:
             raise RunFailed(f"cannot write the log {path}: {error.strerror or error}") from error
         self._vehicles = vehicles

@@ -40,7 +40,7 @@ def write(plan: Plan, outcomes: Sequence[Outcome], out: Path, command_line: str)
     Raises:
         BadInput: the log is unreadable, or the file cannot be written.
     """
-    with written_aside(out) as path:
+    with written_aside(out, new=True) as path:
         try:
             _write(plan, outcomes, path, command_line)
         except RunFailed as failure:

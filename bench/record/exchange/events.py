@@ -78,11 +78,11 @@ def export_events(
     rows = [_row(event) for event in Run(log).events if span.start_ns <= round(event.time_s * NS) < span.end_ns]
     if kind is EventFormat.JSON:
         text = json.dumps(rows, ensure_ascii=False, allow_nan=False, indent=1)
-        with written_aside(target) as path:
+        with written_aside(target, new=True) as path:
             path.write_text(f"{text}\n", encoding="utf-8")
         return len(rows)
     table = _table(log, rows)
-    with written_aside(target) as path:
+    with written_aside(target, new=True) as path:
         if kind is EventFormat.CSV:
             safe = table.with_columns(pl.col(pl.String).str.replace(_FORMULA, "'${0}"))
             safe.rename({"t": "t [s]"}).write_csv(path)

@@ -60,7 +60,7 @@ def export_log(log: Path, target: Path, kind: Format, buses: Sequence[str] = ())
     frames: Iterable[Frame] = (frame for frame in run.frames() if frame.bus in numbers)
     if not what.in_order:
         frames = sorted(frames, key=lambda frame: frame.time_ns)
-    with written_aside(target) as path:
+    with written_aside(target, new=True) as path:
         writers.write(kind, path, frames, numbers, decimals=what.decimals)
     named = {bus: bus if kind is Format.CANDUMP else str(number) for bus, number in numbers.items()}
     return Exported(what.frames, named, tuple(_notes(run, kind, what)))

@@ -95,7 +95,7 @@ def import_logs(
         **{f"left out: {what}": str(count) for what, count in left_out.items()},
         "version python-can": version("python-can"),
     }
-    with written_aside(target) as path:
+    with written_aside(target, new=True) as path:
         _write(path, frames, origin_ns, codecs, metadata)
     return Imported(
         frames={bus: sum(count for (of, _), count in seen.items() if of == bus) for bus in codecs},

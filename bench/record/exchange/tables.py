@@ -83,7 +83,7 @@ def export_table(
     places = run.catalogue.chosen(patterns)
     slices = _Slices(run.log, places, Span.of(start_s, end_s), every_s, labels=labels)
     units = {name: run.unit(name) for name in places}
-    with written_aside(target) as path, path.open("wb") as stream:
+    with written_aside(target, new=True) as path, path.open("wb") as stream:
         # Given the path, polars may open it again after an error, when it has already been removed.
         table = register_io_source(slices.read, schema=slices.schema)
         try:
