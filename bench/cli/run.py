@@ -157,11 +157,41 @@ def run(
 
 
 def scenarios(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Print this one, as a template.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME|PATTERN", help="Print this scenario, as a template; with --keys, which keys."),
+    ] = None,
+    keys: Annotated[
+        bool, typer.Option("--keys", help="List what can be set: unit, allowed values, default and meaning.")
+    ] = False,
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Print the JSON schema of scenario files, for editors.")
+    ] = False,
 ) -> None:
-    """List the shipped scenarios, or print one of them."""
+    """List the shipped scenarios, or print one of them, the keys of scenarios, or their schema.
+
+    Examples:
+      platoon scenarios five > mine.toml
+      platoon scenarios --keys gap
+      platoon scenarios --keys 'planner.*'
+      platoon scenarios --schema > scenario.schema.json
+    """
     from bench.scenario import SCENARIO_DIR, load, shipped
 
+    if keys and schema:
+        raise BadInput("--keys and --schema: give one of them")
+    if schema:
+        from bench.scenario.keys import editor_schema_text
+
+        if name is not None:
+            raise BadInput(f"--schema {name}: it is the same for all scenarios; give no name")
+        typer.echo(editor_schema_text(), nl=False)
+        return
+    if keys:
+        from bench.cli.scenario_keys import described
+
+        typer.echo(described(name))
+        return
     if name is None:
         names = shipped()
         width = max(map(len, names))

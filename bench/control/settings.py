@@ -44,10 +44,10 @@ class GeneticSettings:
         mutation: standard deviation of a mutation, as a fraction of a gain's range.
         ga: bounds of Ga.
         gb: bounds of Gb; a candidate with Gb < Ga is evaluated with Gb = Ga.
-        p11: bounds of the longitudinal position gain, 1/s^2.
-        p12: bounds of the lateral position gain, 1/s^2.
-        p21: bounds of the longitudinal velocity gain, 1/s.
-        p22: bounds of the lateral velocity gain, 1/s.
+        p11: bounds of the longitudinal position gain (1/s^2).
+        p12: bounds of the lateral position gain (1/s^2).
+        p21: bounds of the longitudinal velocity gain (1/s).
+        p22: bounds of the lateral velocity gain (1/s).
         position_weight: cost of a squared formation error (1/m^2).
         velocity_weight: cost of a squared velocity error (s^2/m^2).
         speed_weight: P_1, cost of not using the reachable speed change (s^2/m^2).

@@ -105,7 +105,7 @@ class Fault(BaseModel):
 
     Attributes:
         at_s: simulated time at which it begins (s); active from the cycle that begins then.
-        for_s: duration (s); None until the end of the run.
+        for_s: duration (s); until the end of the run if not given.
     """
 
     model_config = STRICT

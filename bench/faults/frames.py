@@ -28,7 +28,7 @@ class FrameFault(Fault):
 
     Attributes:
         bus: v2v or veh<i>.
-        message: name in the DBC; None for all messages except the bench's own.
+        message: name in the DBC; all messages except the bench's own if not given.
     """
 
     bus: BusName
@@ -87,7 +87,12 @@ class GilbertElliott(BaseModel):
 
 
 class FrameLoss(FrameFault):
-    """Frames are lost: independently (Bernoulli), or in bursts if `bursts` is given."""
+    """Frames are lost: independently (Bernoulli), or in bursts if `bursts` is given.
+
+    Attributes:
+        probability: probability that a frame is lost, without `bursts`.
+        bursts: a channel that loses frames in bursts.
+    """
 
     kind: Literal["frame_loss"] = "frame_loss"
     probability: Probability = 1.0
@@ -101,7 +106,12 @@ class FrameLoss(FrameFault):
 
 
 class FrameDelay(FrameFault):
-    """Frames arrive `cycles` cycles late, and up to `jitter_cycles` more, uniformly distributed."""
+    """Frames arrive `cycles` cycles late, and up to `jitter_cycles` more, uniformly distributed.
+
+    Attributes:
+        cycles: delay in cycles of 10 ms.
+        jitter_cycles: largest additional delay in cycles of 10 ms.
+    """
 
     kind: Literal["frame_delay"] = "frame_delay"
     cycles: Annotated[int, Field(ge=0, le=100)] = 1
@@ -113,7 +123,12 @@ class FrameDelay(FrameFault):
 
 
 class FrameDuplicate(FrameFault):
-    """Frames arrive more than once."""
+    """Frames arrive more than once.
+
+    Attributes:
+        copies: number of additional copies.
+        probability: probability that a frame is duplicated.
+    """
 
     kind: Literal["frame_duplicate"] = "frame_duplicate"
     copies: Annotated[int, Field(ge=1, le=10)] = 1
@@ -143,7 +158,12 @@ class FrameReorder(FrameFault):
 
 
 class FrameCorrupt(FrameFault):
-    """Bits of a frame flip in transmission, after its CRC was computed."""
+    """Bits of a frame flip in transmission, after its CRC was computed.
+
+    Attributes:
+        bits: number of bits that flip.
+        probability: probability that a frame is corrupted.
+    """
 
     kind: Literal["frame_corrupt"] = "frame_corrupt"
     bits: Annotated[int, Field(ge=1, le=64)] = 1

@@ -54,7 +54,11 @@ class BabblingIdiot(Fault):
 
 
 class BusOff(Fault):
-    """A node's CAN controller is bus off on its vehicle's bus: it neither sends nor receives there."""
+    """A node's CAN controller is bus off on its vehicle's bus: it neither sends nor receives there.
+
+    Attributes:
+        node: the node: veh1.planner, veh1.tracker or veh1.plant.
+    """
 
     kind: Literal["bus_off"] = "bus_off"
     node: NodeName
@@ -69,7 +73,11 @@ class BusOff(Fault):
 
 
 class V2VOutage(Fault):
-    """The radio of one vehicle, or of all, is out."""
+    """The radio of one vehicle, or of all, is out.
+
+    Attributes:
+        vehicle: number of the vehicle, from 1; all if not given.
+    """
 
     kind: Literal["v2v_outage"] = "v2v_outage"
     vehicle: VehicleNumber | None = None

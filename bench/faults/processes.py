@@ -6,7 +6,11 @@ from bench.faults.base import Bench, Condition, EcuName, Fault, Outage, Problem,
 
 
 class EcuCrash(Fault):
-    """An ECU's process is killed; after `for_s` it is restarted and joins the running bench."""
+    """An ECU's process is killed; after `for_s` it is restarted and joins the running bench.
+
+    Attributes:
+        ecu: the ECU: veh1.planner or veh1.tracker.
+    """
 
     kind: Literal["ecu_crash"] = "ecu_crash"
     ecu: EcuName
@@ -22,7 +26,11 @@ class EcuCrash(Fault):
 
 
 class EcuHang(Fault):
-    """An ECU's process is stopped; after `for_s` it continues."""
+    """An ECU's process is stopped; after `for_s` it continues.
+
+    Attributes:
+        ecu: the ECU: veh1.planner or veh1.tracker.
+    """
 
     kind: Literal["ecu_hang"] = "ecu_hang"
     ecu: EcuName

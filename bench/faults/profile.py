@@ -19,12 +19,18 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, core_schema
 
-STRICT = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+from bench.faults.meaning import describe
+
+STRICT = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, json_schema_extra=describe)
 """Validation of all parts of a scenario: no unknown key, no text in place of a number, no NaN."""
 
 
 class Constant(BaseModel):
-    """A constant; written as a plain number."""
+    """A constant; written as a plain number.
+
+    Attributes:
+        level: the value.
+    """
 
     model_config = STRICT
 
@@ -45,7 +51,13 @@ class Constant(BaseModel):
 
 
 class Step(BaseModel):
-    """`before` until the time `at_s` (s), `after` from then on."""
+    """`before` until the time `at_s` (s), `after` from then on.
+
+    Attributes:
+        at_s: simulated time of the step (s).
+        before: the value before it.
+        after: the value from then on.
+    """
 
     model_config = STRICT
 
@@ -64,7 +76,14 @@ class Step(BaseModel):
 
 
 class Sine(BaseModel):
-    """`mean + amplitude * sin(2 pi frequency_hz t + phase_rad)`."""
+    """`mean + amplitude * sin(2 pi frequency_hz t + phase_rad)`.
+
+    Attributes:
+        mean: mean value.
+        amplitude: largest deviation from it.
+        frequency_hz: frequency (Hz).
+        phase_rad: phase at the time 0 (rad).
+    """
 
     model_config = STRICT
 

@@ -12,7 +12,12 @@ from bench.names import PLANT
 
 
 class SignalFault(FrameFault):
-    """A fault in one signal of a message."""
+    """A fault in one signal of a message.
+
+    Attributes:
+        message: name in the DBC.
+        signal: name of the signal in the message.
+    """
 
     message: str
     signal: str
@@ -52,9 +57,14 @@ class SignalStuck(SignalFault):
 
 
 class SensorBias(SensorFault, SignalFault):
-    """A signal is off by `bias`, in the signal's unit."""
+    """A signal is off by `bias`, in the signal's unit.
+
+    Attributes:
+        bias: error of the signal, in its unit.
+    """
 
     kind: Literal["sensor_bias"] = "sensor_bias"
+    message: str
     bias: float
 
     def changed(self, value: float, frame: FrameContext, memory: Memory) -> float:
@@ -63,9 +73,14 @@ class SensorBias(SensorFault, SignalFault):
 
 
 class SensorNoise(SensorFault, SignalFault):
-    """A signal has white Gaussian noise of standard deviation `sigma`, in the signal's unit."""
+    """A signal has white Gaussian noise of standard deviation `sigma`, in the signal's unit.
+
+    Attributes:
+        sigma: standard deviation of the noise, in the signal's unit.
+    """
 
     kind: Literal["sensor_noise"] = "sensor_noise"
+    message: str
     sigma: Annotated[float, Field(gt=0)]
 
     def changed(self, value: float, frame: FrameContext, memory: Memory) -> float:
@@ -74,7 +89,12 @@ class SensorNoise(SensorFault, SignalFault):
 
 
 class SensorDropout(SensorFault):
-    """A sensor sends nothing, intermittently or permanently."""
+    """A sensor sends nothing, intermittently or permanently.
+
+    Attributes:
+        message: name of its message in the DBC.
+        probability: probability that a frame is not sent.
+    """
 
     kind: Literal["sensor_dropout"] = "sensor_dropout"
     message: str

@@ -11,7 +11,13 @@ from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN
 
 
 class ActuatorStuck(Fault):
-    """An actuator is stuck at its present value or at `value` (rad, N m), regardless of commands."""
+    """An actuator is stuck at its present value or at `value` (rad, N m), regardless of commands.
+
+    Attributes:
+        vehicle: number of the vehicle, from 1.
+        actuator: the front wheels' steering, or the torque on one wheel.
+        value: steering angle in rad or torque in N m; the present one if not given.
+    """
 
     kind: Literal["actuator_stuck"] = "actuator_stuck"
     vehicle: VehicleNumber
@@ -31,7 +37,13 @@ class ActuatorStuck(Fault):
 
 
 class TyreBlowout(Fault):
-    """A tyre suddenly loses its pressure: the wheel loses most grip and load, and drags (`inflation` 0 is flat)."""
+    """A tyre suddenly loses its pressure: the wheel loses most grip and load, and drags (`inflation` 0 is flat).
+
+    Attributes:
+        vehicle: number of the vehicle, from 1.
+        wheel: front or rear, left or right.
+        inflation: remaining fraction of its pressure.
+    """
 
     kind: Literal["tyre_blowout"] = "tyre_blowout"
     vehicle: VehicleNumber
@@ -55,7 +67,13 @@ class TyreBlowout(Fault):
 
 
 class AxleSoftening(Fault):
-    """The cornering stiffness of an axle changes to C (1 + 0.4 `lambda_level`)."""
+    """The cornering stiffness of an axle changes to C (1 + 0.4 `lambda_level`).
+
+    Attributes:
+        vehicle: number of the vehicle, from 1.
+        axle: the axle.
+        lambda_level: new value of lambda.
+    """
 
     kind: Literal["axle_softening"] = "axle_softening"
     vehicle: VehicleNumber
@@ -73,7 +91,12 @@ class AxleSoftening(Fault):
 
 
 class IcePatch(Fault):
-    """The road's friction coefficient is `mu` under one vehicle, or under all."""
+    """The road's friction coefficient is `mu` under one vehicle, or under all.
+
+    Attributes:
+        vehicle: number of the vehicle, from 1; all if not given.
+        mu: tyre-road adhesion.
+    """
 
     kind: Literal["ice_patch"] = "ice_patch"
     vehicle: VehicleNumber | None = None

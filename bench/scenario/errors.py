@@ -154,15 +154,15 @@ def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Map
         meant = f"did you mean {dotted((*path[:-1], near))}? " if near else ""
         return f"is not a scenario key; {meant}allowed: {', '.join(keys)}"
     if kind == "union_tag_not_found":
-        return f"has no kind; allowed: {_allowed(node)}"
+        return f"has no kind; allowed: {allowed(node)}"
     if kind == "missing":
-        return f"is missing; allowed: {_allowed(node)}"
+        return f"is missing; allowed: {allowed(node)}"
     given = _shown(detail["input"])
     if kind in ("too_short", "too_long"):
-        return f"has {detail['ctx']['actual_length']} entries; allowed: {_allowed(node)}"
+        return f"has {detail['ctx']['actual_length']} entries; allowed: {allowed(node)}"
     if kind == "union_tag_invalid":
-        return f"has the kind {_shown(detail['input'].get('kind'))}; allowed: {_allowed(node)}"
-    return f"= {given} is not allowed; allowed: {_allowed(node)}"
+        return f"has the kind {_shown(detail['input'].get('kind'))}; allowed: {allowed(node)}"
+    return f"= {given} is not allowed; allowed: {allowed(node)}"
 
 
 def _shown(value: Any) -> str:
@@ -176,7 +176,7 @@ def _shown(value: Any) -> str:
 
 def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[str, Any]:
     """Return the part of a JSON schema that describes the value at `path`; empty if there is none."""
-    node = _resolve(schema, schema)
+    node = resolve(schema, schema)
     for part in path:
         if isinstance(part, int):
             prefix = node.get("prefixItems", [])
@@ -187,11 +187,11 @@ def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[
             node = {"$ref": node["discriminator"]["mapping"][part]}
         else:
             return {}
-        node = _resolve(schema, node)
+        node = resolve(schema, node)
     return node
 
 
-def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str, Any]:
+def resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str, Any]:
     """Follow references, and return the value type of an optional value."""
     while True:
         if "$ref" in node:
@@ -202,7 +202,7 @@ def _resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str,
             return node
 
 
-def _allowed(node: Mapping[str, Any]) -> str:
+def allowed(node: Mapping[str, Any]) -> str:
     """Return the values that a JSON schema allows, as text."""
     if "discriminator" in node and "range" not in node:
         return f"one of {', '.join(node['discriminator']['mapping'])}"
@@ -213,9 +213,12 @@ def _allowed(node: Mapping[str, Any]) -> str:
         return ", ".join(map(str, node["enum"]))
     kind = node.get("type")
     if kind == "array":
+        if "prefixItems" in node:
+            return f"a list of {len(node['prefixItems'])}, each {allowed(node['prefixItems'][0])}"
         return f"a list of {node.get('minItems', 0)} to {node.get('maxItems', 'any number of')} entries"
     if kind == "object":
-        return f"a table with {', '.join(node.get('properties', {}))}"
+        keys = ", ".join(node.get("properties", {}))
+        return f"a table with {keys}" if keys else "a table of NAME = text"
     if kind == "string":
         return f"text that matches {node['pattern']}" if "pattern" in node else "text"
     if kind == "boolean":

@@ -8,7 +8,7 @@ road frame (ISO 8855: X along the road, Y to the left). Vehicle numbers start at
 import dataclasses
 import itertools
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import tomli_w
 from pydantic import BaseModel, Field, model_validator, with_config
@@ -44,7 +44,13 @@ Slope = Annotated[Profile, Within(-0.3, 0.3)]
 
 
 class Platoon(BaseModel):
-    """The platoon to form: lane, speed and gap (centre to centre)."""
+    """The platoon to form.
+
+    Attributes:
+        lane_y_m: lateral position of its lane's centre (m).
+        speed_mps: its speed (m/s).
+        gap_m: distance between successive vehicles, centre to centre (m).
+    """
 
     model_config = STRICT
 
@@ -80,6 +86,8 @@ class Road(BaseModel):
 class VehicleRoad(BaseModel):
     """The values of `Road` that differ for one vehicle."""
 
+    same_keys_as: ClassVar[type[BaseModel]] = Road
+
     model_config = STRICT
 
     lambda_f: CorneringUncertainty | None = None
@@ -92,7 +100,15 @@ class VehicleRoad(BaseModel):
 
 
 class Vehicle(BaseModel):
-    """Initial state of a vehicle, which rolls straight ahead at `speed_mps`."""
+    """Initial state of a vehicle, which rolls straight ahead at `speed_mps`.
+
+    Attributes:
+        x_m: initial position along the road (m).
+        y_m: initial position across the road, positive to the left (m).
+        yaw_rad: initial heading, 0 along the road, positive to the left (rad).
+        speed_mps: initial speed (m/s).
+        road: the values of the scenario's `road` that differ for this vehicle.
+    """
 
     model_config = STRICT
 
@@ -121,6 +137,16 @@ class Scenario(BaseModel):
     """The complete input of a run: the same scenario gives the same frames.
 
     Attributes:
+        name: name of the scenario, which is also that of its logs; the file's name if not given.
+        description: what it shows, in words.
+        duration_s: simulated time of the run (s), a multiple of the cycle.
+        seed: seed of all random numbers.
+        platoon: the platoon to form.
+        vehicles: initial states of the vehicles; the first is `veh1`.
+        road: external influences on all vehicles.
+        planner: settings of the planner.
+        tracker: settings of the tracker.
+        faults: planned faults, each a table with its kind.
         buses: place of each bus, by name (`v2v`, `veh1` ...) or `all`, as for `--can`, which takes precedence.
         on_ecu_failure: whether the run ends or continues if an ECU exits or falls silent without a fault.
         on_not_a_number: whether a run counts as failed if an ECU's command is not a number (NaN or infinite).
