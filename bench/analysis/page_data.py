@@ -21,7 +21,8 @@ from platoon_fmu.parameters import VehicleParameters
 
 PageData = dict[str, Any]
 
-MAX_EVENTS = 500
+MAX_EVENTS = 5000
+"""Maximum number of rows of events; the page lists the first 500 and needs the others for marks and states."""
 
 WHEEL_WIDTH = 0.22
 """As drawn, m."""

@@ -71,15 +71,15 @@ def diff(
     from bench.record.reader import Run
     from bench.record.settings import compare_settings
 
-    logs = readable_log(a), readable_log(b)
-    runs = [Run(log) for log in logs]
+    # Each is opened once, since opening a damaged log warns.
+    runs = [Run(log) for log in (readable_log(a), readable_log(b))]
     if plot is not None:
         from bench.analysis.report import check_drawable
 
         check_report(plot)
         for run in runs:
             check_drawable(run)
-    difference = compare(*logs)
+    difference = compare(runs[0], runs[1])
     settings = compare_settings(runs[0], runs[1])
     if as_json:
         say_json({"settings": settings.as_dict(), "frames": difference.as_dict()}, indent=2)

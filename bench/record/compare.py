@@ -104,13 +104,13 @@ class Difference:
         return "\n".join(lines)
 
 
-def diff(a: Path | str, b: Path | str) -> Difference:
-    """Compare two logs.
+def diff(a: Run | Path | str, b: Run | Path | str) -> Difference:
+    """Compare two logs, each open or given by its path.
 
     Raises:
         BadInput: a file cannot be read, is not a log, or holds no frame.
     """
-    runs = Run(a), Run(b)
+    runs = a if isinstance(a, Run) else Run(a), b if isinstance(b, Run) else Run(b)
     for run in runs:
         if not run.buses:
             raise BadInput(f"{run.path} holds no frame: there is nothing to compare")

@@ -360,6 +360,20 @@ def test_a_flapping_cause_is_one_row_and_the_player_shows_state_and_cause_of_eve
     assert shown == ["", flap, "", flap, "", missing, lost]
 
 
+def test_more_events_than_are_listed_still_tell_the_state_at_the_end(open_page, run_of):
+    motions = Motions(1, 200)
+    motions.events = [(0.1, StateChange("warning", "veh1.planner", "run", "degraded", "Cause0", ""))]
+    for number in range(1, 600):
+        change = CauseChange("warning", "veh1.planner", "degraded", f"Cause{number}", f"Cause{number - 1}")
+        motions.events.append((0.1 + 0.003 * number, change))
+    tab = open_page(render(run_of(motions)))
+    rows = tab.locator("#event-rows tr")
+    assert rows.count() == 501
+    assert rows.last.inner_text().startswith("and 100 more in the log")
+    go_to(tab, 1.99)
+    assert tab.locator("#vehicles li .state").first.inner_text() == "degraded: planner (Cause599)"
+
+
 def test_a_finger_reads_figures_and_marks(open_page, faulty):
     tab = open_page(render(faulty), size=PHONE, has_touch=True, is_mobile=True)
     tab.locator("#fig8 svg.plot").tap(position={"x": 200, "y": 90})
