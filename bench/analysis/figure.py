@@ -18,6 +18,7 @@ class Curve:
         step: whether values are held until the next point.
         fill: whether the area down to zero is filled.
         points: whether values are drawn as dots, not joined.
+        label: its name among all curves of the figure, for saved data; empty where that is `name`.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Curve:
     step: bool = False
     fill: bool = False
     points: bool = False
+    label: str = ""
 
 
 @dataclass(frozen=True)

@@ -152,8 +152,8 @@ class Figures:
         self._series.put_as_is(f"{v}.limit_down", -limit)
         number = _PAPER_BOUNDARY_FIGURES.get(v, "As Fig. 11")
         curves = [
-            Curve("boundary", f"{v}.limit_v", f"{v}.limit_up", "limit", at=""),
-            Curve("", f"{v}.limit_v", f"{v}.limit_down", "limit", at=""),
+            Curve("boundary", f"{v}.limit_v", f"{v}.limit_up", "limit", at="", label="upper boundary"),
+            Curve("", f"{v}.limit_v", f"{v}.limit_down", "limit", at="", label="lower boundary"),
             self._curve(v, f"{v}.v_x", f"{v}.gamma"),
         ]
         self._add(
@@ -272,8 +272,8 @@ class Figures:
             ("PlannerGains", "P11", "P12", "Position gains: p11 (solid), p12 (dashed)", "1/s²"),
             ("PlannerGains", "P21", "P22", "Velocity gains: p21 (solid), p22 (dashed)", "1/s"),
         ):
-            curves = self._each(message, solid, f"flock.{solid}", step=True)
-            curves += self._each(message, dashed, f"flock.{dashed}", dash=True, step=True)
+            curves = self._each(message, solid, f"flock.{solid}", step=True, what=solid)
+            curves += self._each(message, dashed, f"flock.{dashed}", dash=True, step=True, what=dashed)
             self._add_sent(
                 self._over_time(f"flock{solid}", title, group, f"value [{unit}]", curves, y_range=[0.0, 1.0])
             )
@@ -380,7 +380,7 @@ class Figures:
 
     def _with_reference(self, truth_name: str, signal: str) -> list[Curve]:
         curves = [self._curve(v, "t", f"{v}.{truth_name}") for v in self._vehicles]
-        return curves + self._each("Reference", signal, f"ref.{signal}", dash=True)
+        return curves + self._each("Reference", signal, f"ref.{signal}", dash=True, what="reference")
 
     def _each(
         self,
@@ -393,14 +393,16 @@ class Figures:
         points: bool = False,
         factor: float = 1.0,
         peak: bool = False,
+        what: str = "",
     ) -> list[Curve]:
-        """Return one curve of a signal for each vehicle that has it."""
+        """Return one curve of a signal for each vehicle that has it; `what` tells it from others of the vehicle."""
         have = [
             v
             for v in self._vehicles
             if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak, hold=step)
         ]
-        return [self._curve(v, "t", f"{v}.{key}", dash=dash, step=step, points=points) for v in have]
+        curves = [self._curve(v, "t", f"{v}.{key}", dash=dash, step=step, points=points) for v in have]
+        return [replace(curve, label=f"{curve.name} {what}") for curve in curves] if what else curves
 
     def _curve(self, v: int, x: str, y: str, *, dash: bool = False, step: bool = False, points: bool = False) -> Curve:
         return Curve(f"vehicle {v}", x, y, colour(v), dash, step=step, points=points)

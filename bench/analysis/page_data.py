@@ -115,7 +115,10 @@ def _road(run: Run) -> dict[str, Any]:
 
 
 def _bus(bus: BusLoad) -> dict[str, Any]:
-    """Return a bus as JSON-serialisable values: loads as fractions, times in s; each message is a row, times in ms."""
+    """Return a bus as JSON-serialisable values: loads as fractions, times in s.
+
+    Each message is a row, and each frame of the busiest cycle; their times are in ms.
+    """
     return {
         "bus": bus.bus,
         "bit_rate": bus.bit_rate,
@@ -123,6 +126,15 @@ def _bus(bus: BusLoad) -> dict[str, Any]:
         "worst": bus.worst,
         "worst_at": bus.worst_at_s,
         "most": bus.most,
+        "busiest": [
+            [
+                frame.name,
+                f"0x{frame.can_id & ~EXTENDED:03X}",
+                frame.sender,
+                *(1e3 * time for time in (frame.release_s, frame.start_s, frame.end_s)),
+            ]
+            for frame in bus.busiest
+        ],
         "messages": [
             [
                 f"0x{message.can_id & ~EXTENDED:03X}",

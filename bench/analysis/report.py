@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
-from bench.analysis.bus_load import bus_loads
+from bench.analysis.bus_load import BusLoad, bus_loads
 from bench.analysis.bus_strip import strip
 from bench.analysis.differences import figures_of
 from bench.analysis.metrics import compute
@@ -24,7 +24,21 @@ from bench.record import Run
 from bench.record.compare import SignalDifference
 from bench.record.settings import compare_settings
 
-SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "plot", "car", "view", "animation", "player", "tables", "page")
+SCRIPTS = (
+    "dom",
+    "data",
+    "marks",
+    "cursor",
+    "axes",
+    "save",
+    "plot",
+    "car",
+    "view",
+    "animation",
+    "player",
+    "tables",
+    "page",
+)
 """The files of the script, in order; while the page loads, each uses only those before it."""
 
 LIVE_SCRIPTS = ("live",)
@@ -51,7 +65,7 @@ def render(run: Run) -> str:
         BadInput: the log has no ground truth or no scenario.
     """
     buses = bus_loads(run)
-    data = page_data(run, buses)
+    data = data_of(run, buses=buses)
     return _page(data, _title(data), _figure(snapshots(run)), strip(buses) if buses else "")
 
 
@@ -67,12 +81,29 @@ def render_both(a: Run, b: Run, signals: Sequence[SignalDifference] = ()) -> str
         BadInput: a log has no ground truth or no scenario.
     """
     buses = bus_loads(a)
-    data = together(page_data(a, buses), page_data(b), (compute(a), compute(b)), compare_settings(a, b))
-    figures, pool = figures_of(signals, a, b)
-    data |= {"figures": figures + data["figures"], "pool": data["pool"] | pool}
+    data = data_of(a, b, signals, buses)
     title = f"{_title(data)} and {_title(data['other'], '')}"
     pictures = _figure(snapshots(a), "A") + _figure(snapshots(b), "B")
     return _page(data, title, pictures, strip(buses) if buses else "")
+
+
+def data_of(
+    run: Run,
+    other: Run | None = None,
+    signals: Sequence[SignalDifference] = (),
+    buses: list[BusLoad] | None = None,
+) -> PageData:
+    """Return what the page of a run shows, or of two overlaid, with the `signals` that differ; `buses` are of `run`.
+
+    Raises:
+        BadInput: a log has no ground truth or no scenario.
+    """
+    data = page_data(run, buses)
+    if other is None:
+        return data
+    both = together(data, page_data(other), (compute(run), compute(other)), compare_settings(run, other))
+    figures, pool = figures_of(signals, run, other)
+    return {**both, "figures": figures + both["figures"], "pool": both["pool"] | pool}
 
 
 def check_drawable(run: Run) -> None:

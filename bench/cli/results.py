@@ -1,13 +1,17 @@
 """The results of a run, from its log: `platoon metrics`, `report`, `diff`, `live`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bench.cli.options import LiveOrigins, Log, report_path
 from bench.cli.output import say_json
+from bench.errors import BadInput
 from bench.files import check_report, readable_log
+
+if TYPE_CHECKING:
+    from bench.analysis.saved_figures import Format
 
 
 def add_results(app: typer.Typer) -> None:
@@ -44,6 +48,16 @@ def report(
         Path | None, typer.Argument(metavar="OTHER.mcap", help="The log of a run to overlay.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="The file; beside the log if not given.")] = None,
+    figures: Annotated[
+        Path | None,
+        typer.Option("--save-figures", metavar="DIR", help="Also save each figure to a file in this folder."),
+    ] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--format", metavar="svg|png|csv", help="What --save-figures writes: svg if not given; repeatable."
+        ),
+    ] = None,
 ) -> None:
     """Write the report of a run, or of two overlaid: one HTML file that works offline."""
     from bench.analysis.report import write
@@ -53,8 +67,34 @@ def report(
     beside = log if other is None else log.with_name(f"{log.stem}-and-{other.stem}.mcap")
     target = out or report_path(beside)
     check_report(target)
+    if formats and figures is None:
+        raise BadInput("--format is of --save-figures DIR, which is not given")
+    kinds = [_format(each) for each in formats or ["svg"]]
+    if figures is not None:
+        from bench.analysis.saved_figures import check_savable
+
+        check_savable(figures, kinds)
     write(run, target, second)
     typer.echo(str(target))
+    if figures is not None:
+        from bench.analysis.report import data_of
+        from bench.analysis.saved_figures import save_figures
+
+        saved = save_figures(data_of(run, second), figures, kinds)
+        typer.echo(f"{len(saved)} figures in {figures}")
+
+
+def _format(text: str) -> "Format":
+    """Return a format of figures.
+
+    Raises:
+        BadInput: there is no such format.
+    """
+    from bench.analysis.saved_figures import Format
+
+    if text not in set(Format):
+        raise BadInput(f"--format {text}: no such format of figures; allowed: {', '.join(Format)}")
+    return Format(text)
 
 
 def diff(

@@ -3,17 +3,22 @@
 The browser's clock is stopped and moved on by hand, so that what is played depends on no wall clock.
 """
 
+import csv
 import json
+import re
 import shutil
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from playwright.sync_api import Page as Tab
 from playwright.sync_api import ViewportSize, sync_playwright
 
 from bench.analysis.figures import pool_of
 from bench.analysis.page_data import events_of, page_data
 from bench.analysis.report import render, render_both, render_live
+from bench.analysis.saved_figures import figure_rows, strip_rows
 from bench.events import CauseChange, FaultBegins, FaultEnds, StateChange
 from bench.record import Run
 
@@ -22,6 +27,8 @@ from .conftest import Motions
 DESK, PHONE = ViewportSize(width=1400, height=900), ViewportSize(width=360, height=740)
 # What is played is shown some frames after the key that starts it.
 SOON_S = 0.05
+# A blob is made in the page itself, to save it.
+LOCAL = ("file:", "data:", "blob:")
 CANVAS = "document.getElementById('road').toDataURL()"
 
 
@@ -78,7 +85,7 @@ def open_page(browser, tmp_path):
         tab.on("pageerror", lambda error: troubles.append(str(error)))
         tab.on(
             "request",
-            lambda asked: troubles.append(asked.url) if not asked.url.startswith(("file:", "data:")) else None,
+            lambda asked: troubles.append(asked.url) if not asked.url.startswith(LOCAL) else None,
         )
         path = page
         if isinstance(page, str):
@@ -403,6 +410,89 @@ def test_on_paper_is_a_still_picture_and_all_that_is_folded(open_page, report_pa
     assert tab.pdf(path=tmp_path / "report.pdf").startswith(b"%PDF")
     assert tab.title() == "2"
     assert tab.locator("details.printed[open]").count() == 0
+
+
+def saved(tab, figure, kind, folder):
+    """Save a figure by its button, as a user does; the file."""
+    # Chromium drops the eleventh download of a second.
+    tab.wait_for_timeout(150)
+    with tab.expect_download() as download:
+        tab.locator(f"#{figure} .save button", has_text=kind).click()
+        # A picture is drawn meanwhile.
+        tab.clock.run_for(500)
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
+def csv_rows(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def test_every_figure_can_be_saved_as_it_is_shown(open_page, report_page, formation, tmp_path):
+    tab = open_page(report_page, color_scheme="dark")
+    figures = page_data(formation)["figures"]
+    cards = [*(figure["id"] for figure in figures), "strip"]
+    assert tab.locator(".save").count() == len(cards)
+    for card in cards:
+        assert tab.locator(f"#{card} .save button").all_inner_texts() == ["SVG", "PNG", "CSV"]
+        root = ET.parse(saved(tab, card, "SVG", tmp_path)).getroot()
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        # It does not depend on the page: no class, no variable, no pointer.
+        text = ET.tostring(root, encoding="unicode")
+        assert not re.search(r"class=|var\(--|cursor", text)
+    path = saved(tab, "fig9", "SVG", tmp_path)
+    assert path.name == "formation-fig9.svg"
+    texts = [element.text for element in ET.parse(path).iter("{http://www.w3.org/2000/svg}text")]
+    assert texts[0] == "Fig. 9 Longitudinal speed"
+    assert {"vehicle 1", "v_x [m/s]", "time [s]"} <= set(texts)
+    curves = [e for e in ET.parse(path).iter("{http://www.w3.org/2000/svg}path") if "C" not in e.get("d", "")]
+    assert sum(len(element.get("d", "")) > 1000 for element in curves) == 6
+
+
+def test_a_picture_is_on_white_whatever_the_viewer_likes(open_page, report_page, tmp_path):
+    pictures = []
+    for scheme in ("light", "dark"):
+        tab = open_page(report_page, color_scheme=scheme)
+        path = saved(tab, "fig8", "PNG", tmp_path)
+        assert path.name == "formation-fig8.png"
+        pictures.append(imread(path))
+        shown = tab.locator("#fig8 svg.plot").bounding_box()
+        assert pictures[-1].shape[1] >= 2 * shown["width"]
+    light, dark = pictures
+    assert (light[:4, :, :3] == 1.0).all()
+    assert (light == dark).all()
+    # Of three vehicles, in their colours.
+    colours = {tuple(round(255 * part) for part in colour) for colour in np.unique(light.reshape(-1, 4), axis=0)[:, :3]}
+    assert {(0, 114, 178), (213, 94, 0), (0, 158, 115)} <= colours
+
+
+def test_the_data_that_a_button_saves_are_those_that_the_command_saves(open_page, report_page, formation, tmp_path):
+    tab = open_page(report_page)
+    data = page_data(formation)
+    for figure in data["figures"]:
+        head, *rows = figure_rows(figure, data["pool"])
+        told_head, *told = csv_rows(saved(tab, figure["id"], "CSV", tmp_path))
+        assert told_head == head
+        assert [[float(cell) if cell else None for cell in row] for row in told] == rows
+    head, *rows = strip_rows(data)
+    told_head, *told = csv_rows(saved(tab, "strip", "CSV", tmp_path))
+    assert told_head == list(head)
+    assert [[*row[:4], *map(float, row[4:])] for row in told] == [list(row) for row in rows]
+
+
+def test_figures_of_two_runs_can_be_saved(open_page, formation, run_of, tmp_path):
+    tab = open_page(render_both(formation, run_of(Motions(5, 300))))
+    path = saved(tab, "fig9", "SVG", tmp_path)
+    assert path.name == "formation-and-made-up-fig9.svg"
+    texts = {element.text for element in ET.parse(path).iter("{http://www.w3.org/2000/svg}text")}
+    assert {"A vehicle 1", "B vehicle 5"} <= texts
+    head, *rows = csv_rows(saved(tab, "fig9", "CSV", tmp_path))
+    assert {"A time [s]", "A vehicle 1 reference: v_x [m/s]", "B time [s]", "B vehicle 5: v_x [m/s]"} <= set(head)
+    assert len(rows) == 600
+    assert rows[-1][head.index("B time [s]")] == ""
+    assert imread(saved(tab, "fig15", "PNG", tmp_path)).shape[0] > 300
 
 
 def test_two_runs_are_drawn_over_each_other(open_page, formation, run_of):

@@ -31,6 +31,10 @@ function ink(colour) {
   return colour === "ink" ? "var(--ink)" : colour;
 }
 
+// The same on a white page.
+const LIGHT = { limit: "#c8102e", ink: "#1d1f21" };
+const lightInk = (colour) => LIGHT[colour] ?? colour;
+
 // A number with a true minus sign, never "−0".
 const sign = (value, digits) => value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1").replace("-", "−");
 

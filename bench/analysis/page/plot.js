@@ -13,7 +13,9 @@ class Plot {
     // What to redraw when it comes into view: null, "cursor" or "all".
     this.stale = null;
     this.card = element(parent, "section", { class: figure.wide ? "card wide" : "card", id: figure.id });
-    element(this.card, "h3", {}, figure.title);
+    const head = element(this.card, "div", { class: "head" });
+    element(head, "h3", {}, figure.title);
+    addSaving(head, figure.title.replace(/ +/g, " "), { name: figure.id, svg: () => this.file(), csv: () => figureCsv(figure) });
     this.keys = element(this.card, "div", { class: "keys" });
     this.svg = shape(this.card, "svg", { class: "plot", role: "img", "aria-label": figure.title.replace(/ +/g, " ") });
     if (figure.caption) element(this.card, "p", { class: "caption" }, figure.caption);
@@ -43,6 +45,20 @@ class Plot {
       this.draw();
     });
     return value;
+  }
+
+  // The figure as shown, as an SVG file.
+  file() {
+    this.draw();
+    const { figure } = this;
+    const legend = [];
+    for (const curve of this.shown()) {
+      const text = [curve.run, curve.name].filter(Boolean).join(" ");
+      if (curve.name && !legend.some((key) => key.text === text)) {
+        legend.push({ text, colour: lightInk(curve.colour), dash: curve.run === "B" || curve.dash });
+      }
+    }
+    return standalone(this.svg, { title: figure.title.replace(/ +/g, " "), legend, caption: figure.caption });
   }
 
   inLayer(curve) {

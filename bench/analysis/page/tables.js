@@ -182,7 +182,12 @@ function numberTable(parent, heads) {
 function fillBuses() {
   const parent = byId("buses");
   parent.hidden = !runs().some((run) => run.buses.length);
-  byId("strip").hidden = !byId("strip").querySelector("svg");
+  const strip = byId("strip").querySelector("svg");
+  byId("strip").hidden = !strip;
+  if (strip && !byId("strip").querySelector(".save")) {
+    const title = "The busiest cycle of each bus";
+    addSaving(byId("strip-head"), title, { name: "busiest-cycle", svg: () => standalone(strip, { title }), csv: stripCsv });
+  }
   const tables = byId("bus-tables");
   tables.replaceChildren();
   const all = numberTable(tables, ["Bus", "Bit rate", "Mean load", "Bound of mean", "Busiest cycle", "at"]);
