@@ -24,6 +24,9 @@ PageData = dict[str, Any]
 MAX_EVENTS = 5000
 """Maximum number of rows of events; the page lists the first 500 and needs the others for marks and states."""
 
+LONGEST_FACT = 4000
+"""Characters shown of a value of the run's metadata."""
+
 WHEEL_WIDTH = 0.22
 """As drawn, m."""
 
@@ -90,10 +93,15 @@ def _head(run: Run) -> PageData:
         "file": run.path.name,
         "description": scenario.description,
         "damage": run.damage,
-        "facts": [[name, value] for name, value in run.metadata.items() if value],
+        "facts": [[name, _cut(value)] for name, value in run.metadata.items() if value],
         "toml": run.scenario_text,
         "road": _road(run),
     }
+
+
+def _cut(text: str) -> str:
+    more = len(text) - LONGEST_FACT
+    return text if more <= 0 else f"{text[:LONGEST_FACT]} ... ({more} characters more)"
 
 
 def _road(run: Run) -> dict[str, Any]:

@@ -28,6 +28,8 @@ _PLURALS = {
 }
 _STYLES = {Outcome.PASSED: "green", Outcome.SKIPPED: "yellow", Outcome.PROBLEM: "bold red"}
 _KINDS = {"Model Exchange": "ME", "Co-Simulation": "CS"}
+MOST_VARIABLES = 1000
+"""Variables shown of each causality and variability."""
 _WIDEST_NAME = len("directional derivatives")
 
 
@@ -39,7 +41,9 @@ def show_info(info: FmuInfo) -> None:
             chosen = [v for v in info.variables if (v.causality, v.variability) == (causality, variability)]
             if chosen:
                 _show(_heading(causality, variability, len(chosen)))
-                _show(_variables(chosen))
+                _show(_variables(chosen[:MOST_VARIABLES]))
+            if len(chosen) > MOST_VARIABLES:
+                _show(Text(f"and {len(chosen) - MOST_VARIABLES} more; --json lists all"))
 
 
 def show_check(check: Check) -> None:

@@ -71,6 +71,7 @@ class McapFile:
         self._schema_ids: dict[tuple[str, bytes], int] = {}
         self._channels: list[Channel] = []
         self._declared: set[int] = set()
+        self._declared_schemas: set[int] = set()
         self._counts: dict[int, int] = {}
         self._span: tuple[int, int] | None = None
         self._chunk_indexes = RecordBuilder()
@@ -222,9 +223,9 @@ class McapFile:
         """Write the channels, and their schemas, that no record has named yet."""
         for number in (n for n in channels.tolist() if n not in self._declared):
             channel = self._channels[number - 1]
-            declared = (self._channels[other - 1].schema_id for other in self._declared)
-            if channel.schema_id and channel.schema_id not in declared:
+            if channel.schema_id and channel.schema_id not in self._declared_schemas:
                 self._record(self._schemas[channel.schema_id - 1])
+                self._declared_schemas.add(channel.schema_id)
             self._record(channel)
             self._declared.add(number)
 

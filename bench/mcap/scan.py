@@ -19,6 +19,7 @@ import zstandard
 from mcap.opcode import Opcode
 
 from bench.errors import BadInput
+from bench.mcap import limits
 from bench.mcap.chunk import chunk_head, unpacked
 from bench.mcap.container import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_FIELDS
 from bench.mcap.contents import RECORD
@@ -45,7 +46,7 @@ class ScannedFile:
         """Open the file and find out what is in it.
 
         Raises:
-            BadInput: the file cannot be read or is not MCAP.
+            BadInput: the file cannot be read, is not MCAP or is beyond `limits`.
         """
         self.path = path
         try:
@@ -67,6 +68,7 @@ class ScannedFile:
         if contents is None:
             self.walked = walk(self._data, self._pages)
             contents = self.walked.contents
+        limits.check(path, contents)
         self.contents = contents
         small = self.contents.chunks.places["size"].sum(dtype=np.float64) <= MAX_KEPT
         self._kept: dict[int, npt.NDArray[np.uint8]] | None = {} if small else None

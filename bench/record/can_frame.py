@@ -16,6 +16,9 @@ from bench.mcap.gathering import scatter
 from bench.record.layout import Field, Layout, file_descriptor_set, tag
 
 NAME = "platoon.CanFrame"
+MOST_BUSES = 100
+"""Limit on CAN buses of a log; a run with 16 vehicles has 17."""
+
 MAX_DATA = 8
 LONGEST_RESPONSE_NS = 0xFFFF_FFFF
 

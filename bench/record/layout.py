@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -178,6 +178,7 @@ def _add_enum(scope: descriptor_pb2.DescriptorProto, names: Mapping[int, str]) -
         enum.value.add(name=name, number=number)
 
 
+@lru_cache(maxsize=1024)
 def message_class(full_name: str, descriptor_set: bytes) -> type[Message]:
     """Return the class that parses messages `full_name` of a serialised FileDescriptorSet.
 

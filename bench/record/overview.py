@@ -100,7 +100,7 @@ def overview(run: Run) -> Overview:
         recovered=recovered,
         metadata=run.metadata,
         buses=[_count(run, topic, topic.removeprefix("/can/"), whole) for topic in raw],
-        topics=[_count(run, topic, topic, whole) for topic in sorted(run.topics) if topic not in raw],
+        topics=[_count(run, topic, topic, whole) for topic in sorted(run.topics.keys() - set(raw))],
         signals=len(run.names()),
         events={level: levels.count(level) for level in dict.fromkeys(levels)},
         causes=_causes(run.events),

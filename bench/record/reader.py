@@ -24,7 +24,7 @@ from bench.bus.codec import Codec
 from bench.errors import BadInput
 from bench.mcap.time_span import ALL, NS, Span
 from bench.record import event
-from bench.record.can_frame import MAX_DATA, Frame
+from bench.record.can_frame import MAX_DATA, MOST_BUSES, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
 from bench.record.dbc_files import DbcFiles
@@ -38,6 +38,12 @@ if TYPE_CHECKING:
     import polars as pl
 
 __all__ = ["FRAME_TABLE", "Columns", "Event", "LogDamaged", "Run"]
+
+MOST_EVENTS = 100_000
+"""Events that are read, of a span of time; a run of five minutes in which all goes wrong has some thousands."""
+
+MOST_VEHICLES = 1_000
+"""Limit on the number of vehicles that a log may claim."""
 
 KEPT_BYTES = 32 * 1024 * 1024
 """Maximum number of decoded topics kept in memory besides the one requested last."""
@@ -84,14 +90,23 @@ class Run:
     def vehicles(self) -> int:
         """Number of vehicles."""
         try:
-            return int(self.metadata["vehicles"])
+            number = int(self.metadata["vehicles"])
         except (KeyError, ValueError) as error:
             raise BadInput(f"{self.path} is not a run's log: its metadata has no number of vehicles") from error
+        if not 0 <= number <= MOST_VEHICLES:
+            raise BadInput(f"{self.path} has {number} vehicles in its metadata; allowed: 0 to {MOST_VEHICLES}")
+        return number
 
-    @property
+    @cached_property
     def buses(self) -> list[str]:
-        """Names of the buses with frames, in order."""
+        """Names of the buses with frames, in order.
+
+        Raises:
+            BadInput: there are more than `MOST_BUSES`.
+        """
         found = [channel for topic, channel in self.topics.items() if topic.startswith("/can/")]
+        if len(found) > MOST_BUSES:
+            raise BadInput(f"{self.path} has {len(found)} CAN buses; allowed: at most {MOST_BUSES}")
         return [channel.topic.removeprefix("/can/") for channel in sorted(found, key=lambda channel: channel.id)]
 
     @cached_property
@@ -135,10 +150,17 @@ class Run:
 
     def messages(self, bus: str) -> list[str]:
         """Return the names of the decoded messages on `bus`, sorted by identifier."""
-        prefix = f"/signals/{bus}/"
-        found = [topic for topic in self.topics if topic.startswith(prefix)]
-        names = [topic.removeprefix(prefix) for topic in found]
-        return sorted(names, key=lambda name: (self.can_id(bus, name), name))
+        return self._messages.get(bus, [])
+
+    @cached_property
+    def _messages(self) -> dict[str, list[str]]:
+        """Bus -> names of its decoded messages; with one pass over all topics."""
+        found: dict[str, list[str]] = {}
+        for topic in self.topics:
+            if topic.startswith("/signals/"):
+                bus, _, message = topic.removeprefix("/signals/").partition("/")
+                found.setdefault(bus, []).append(message)
+        return {bus: sorted(names, key=lambda name: (self.can_id(bus, name), name)) for bus, names in found.items()}
 
     def can_id(self, bus: str, message: str) -> int:
         """Return the identifier of a message, -1 if the log does not have it.
@@ -210,7 +232,7 @@ class Run:
     def catalogue(self) -> Catalogue:
         """The names of all signals and true values."""
         order = [f"/signals/{bus}/{message}" for bus in self.buses for message in self.messages(bus)]
-        others = sorted(topic for topic in self.topics if topic not in order)
+        others = sorted(self.topics.keys() - set(order))
         decoders = (self._decoder_of_table(topic) for topic in [*order, *others])
         return Catalogue(self.path, [decoder for decoder in decoders if decoder], has_frames=bool(self.buses))
 
@@ -357,8 +379,12 @@ class Run:
         if topic not in self.topics:
             return []
         decoder = self.log.decoder(topic)
-        found = []
+        found: list[Event] = []
         for _, part in itertools.chain.from_iterable(self.log.parts([topic], span)):
+            if len(found) + len(part.offsets) > MOST_EVENTS:
+                raise BadInput(
+                    f"{self.path} has more than {MOST_EVENTS} events in this time; read fewer with start_s and end_s"
+                )
             for time_ns, payload in zip(part.time_ns.tolist(), part.payloads(), strict=True):
                 message = decoder.message(payload)
                 try:

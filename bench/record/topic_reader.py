@@ -23,6 +23,9 @@ from bench.record.topic_decoder import TopicDecoder
 _NAMED = 12
 """Maximum number of topics named in a message."""
 
+_COMPARED = 1000
+"""Maximum number of topics compared with a wrong one."""
+
 _TOLD = 3
 """Maximum number of damaged chunks named in `TopicReader.damage`, so that it stays one line."""
 
@@ -85,7 +88,7 @@ class TopicReader:
 
     def _near(self, topic: str) -> list[str]:
         """Return the topics of the same kind as `topic`, most similar first."""
-        beside = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))
+        beside = sorted(name for name in self.topics if name.startswith(topic.rpartition("/")[0]))[:_COMPARED]
         like = difflib.SequenceMatcher(b=topic.lower())
         ratios = {}
         for name in beside:

@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import tomli_w
@@ -13,6 +14,9 @@ from pydantic_core import ErrorDetails
 from bench.faults.kinds import kinds
 
 Path = tuple[str | int, ...]
+
+MOST_PROBLEMS = 20
+"""Number of errors that a message lists; it says how many more there are."""
 
 _TAGS = ("constant", "step", "sine", *kinds())
 _KEY = re.compile(r"^\s*([\w\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=\s*(.*)$")
@@ -35,12 +39,16 @@ class Source:
     document: Mapping[str, Any]
     given: Mapping[Path, str]
 
+    @cached_property
+    def _lines(self) -> dict[Path, int]:
+        return key_lines(self.text)
+
     def place(self, path: Path) -> str:
         """Return the option or line that the value at `path` comes from; empty if unknown."""
         for key, option in self.given.items():
             if path[: len(key)] == key or key[: len(path)] == path:
                 return option
-        lines = key_lines(self.text)
+        lines = self._lines
         for length in range(len(path), 0, -1):
             if path[:length] in lines:
                 return f"line {lines[path[:length]]}"
@@ -56,14 +64,17 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
         schema: JSON schema of a scenario, for the allowed ranges and keys.
     """
     details = error.errors(include_url=False)
-    problems = [
-        (path, text) for detail in details if not _is_echo(detail, details) for path, text in _problems(detail, schema)
-    ]
+    real = [detail for detail in details if not _is_echo(detail, details)]
+    # Those of values together come as one detail, and only if there are no others.
+    problems = [problem for detail in real[:MOST_PROBLEMS] for problem in _problems(detail, schema)]
+    number = len(problems) if len(real) <= MOST_PROBLEMS else len(real)
     lines = []
-    for path, text in problems:
+    for path, text in problems[:MOST_PROBLEMS]:
         place = source.place(path)
         lines.append(f"  {place}{': ' if place else ''}{dotted(path)} {text}")
-    count = "1 error" if len(lines) == 1 else f"{len(lines)} errors"
+    if number > len(lines):
+        lines.append(f"  and {number - len(lines)} more")
+    count = "1 error" if number == 1 else f"{number} errors"
     return "\n".join([f"Scenario {source.name} has {count}:", *lines])
 
 
@@ -220,6 +231,8 @@ def allowed(node: Mapping[str, Any]) -> str:
         keys = ", ".join(node.get("properties", {}))
         return f"a table with {keys}" if keys else "a table of NAME = text"
     if kind == "string":
+        if "maxLength" in node:
+            return f"text of at most {node['maxLength']} characters"
         return f"text that matches {node['pattern']}" if "pattern" in node else "text"
     if kind == "boolean":
         return "true or false"

@@ -1,7 +1,7 @@
 """Checks that the targets of faults exist: vehicles, messages, signals."""
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 
 from bench.bus.codec import Codec, bus_names, load_codecs
 from bench.bus.network import transmissions
@@ -31,6 +31,12 @@ class _Bench:
         return bool(self._codecs[bus].data_id(message))
 
 
+@cache
+def _bench(vehicles: int) -> _Bench:
+    # The DBC files are read once, not for each of a scenario's faults.
+    return _Bench(vehicles)
+
+
 def target_problems(fault: Fault, vehicles: int) -> list[Problem]:
     """Return the problems with a fault's target in a scenario with this number of vehicles; empty if there are none."""
-    return fault.problems(_Bench(vehicles))
+    return fault.problems(_bench(vehicles))

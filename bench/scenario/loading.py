@@ -12,10 +12,16 @@ from pydantic import ValidationError
 from bench.errors import BadInput
 from bench.faults.former import renewed
 from bench.scenario.errors import Source, closest, explain
-from bench.scenario.model import Scenario
+from bench.scenario.model import LONGEST_DESCRIPTION, Scenario
 from bench.scenario.overrides import put
 
 SCENARIO_DIR = Path(__file__).parent / "shipped"
+
+MOST_BYTES = 2 * 1024 * 1024
+"""Limit on the size of a scenario's file; a thousand faults take a twentieth of it."""
+
+LONGEST_LINE = 20_000
+"""Characters of a line: the reader's work grows with the square of the number of parts of a key."""
 
 
 def shipped() -> list[str]:
@@ -44,8 +50,12 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
         document["seed"] = seed
         given["seed",] = f"--seed {seed}"
     try:
+        as_json = json.dumps(document, default=str)
+    except RecursionError:
+        raise BadInput(f"Scenario {path} is nested too deeply; a scenario's keys have at most four parts") from None
+    try:
         # From JSON, because only then strict validation accepts lists as tuples and tables as dataclasses.
-        return Scenario.model_validate_json(json.dumps(document, default=str))
+        return Scenario.model_validate_json(as_json)
     except ValidationError as error:
         source = Source(str(path), text, document, given)
         raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
@@ -57,7 +67,18 @@ def from_log(text: str) -> Scenario:
     Raises:
         ValueError: it cannot be read.
     """
-    document = tomllib.loads(text)
+    if len(text) > MOST_BYTES:
+        raise ValueError(f"it has {len(text)} characters; at most {MOST_BYTES} are read")
+    try:
+        return _from_log(tomllib.loads(text))
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _from_log(document: dict[str, Any]) -> Scenario:
+    if isinstance(document.get("description"), str):
+        # Earlier versions had no limit.
+        document["description"] = document["description"][:LONGEST_DESCRIPTION]
     faults = document.get("faults")
     if isinstance(faults, list):
         document["faults"] = [renewed(fault) if isinstance(fault, dict) else fault for fault in faults]
@@ -84,7 +105,13 @@ def _name_from(path: Path) -> str:
 
 def _read(path: Path) -> tuple[str, dict[str, Any]]:
     try:
+        size = path.stat().st_size
+        if size > MOST_BYTES:
+            raise BadInput(f"{path} has {size} bytes; a scenario's file may have at most {MOST_BYTES}")
         text = path.read_text(encoding="utf-8")
+        longest, line = max((len(line), number) for number, line in enumerate(("", *text.split("\n"))))
+        if longest > LONGEST_LINE:
+            raise BadInput(f"{path}: line {line} has {longest} characters; allowed: at most {LONGEST_LINE}")
         return text, tomllib.loads(text)
     except OSError as error:
         raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error

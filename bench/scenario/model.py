@@ -31,6 +31,13 @@ from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
 LEAST_START_DISTANCE_M = 4.0
 """Minimum initial distance between centres of mass (m): the length of a car."""
 
+MOST_VEHICLES = 16
+MOST_FAULTS = 1000
+"""Limit on faults of a scenario: every process looks through all of them in every cycle."""
+
+LONGEST_DESCRIPTION = 4000
+"""Limit on characters of a scenario's description: two pages of text."""
+
 Problem = tuple[tuple[str | int, ...], str]
 """The path of a key, and the error in its value."""
 
@@ -155,18 +162,18 @@ class Scenario(BaseModel):
     model_config = STRICT
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-    description: str = ""
+    description: Annotated[str, Field(max_length=LONGEST_DESCRIPTION)] = ""
     duration_s: Annotated[float, Field(ge=CYCLE_S, le=300)] = 10.0
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = 1
     platoon: Platoon
-    vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1, max_length=16)]
+    vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1, max_length=MOST_VEHICLES)]
     road: Road = Road()
     planner: PlannerSettings = PlannerSettings()
     tracker: TrackerSettings = TrackerSettings()
-    faults: tuple[AnyFault, ...] = ()
+    faults: Annotated[tuple[AnyFault, ...], Field(max_length=MOST_FAULTS)] = ()
     on_ecu_failure: Literal["end", "continue"] = "end"
     on_not_a_number: Literal["fail", "allow"] = "fail"
-    buses: dict[str, str] = {}
+    buses: Annotated[dict[str, str], Field(max_length=MOST_VEHICLES + 2)] = {}
 
     @property
     def cycles(self) -> int:

@@ -19,8 +19,9 @@ from bench.analysis.figures import pool_of
 from bench.analysis.page_data import events_of, page_data
 from bench.analysis.report import render, render_both, render_live
 from bench.analysis.saved_figures import figure_rows, strip_rows
-from bench.events import CauseChange, FaultBegins, FaultEnds, StateChange
+from bench.events import CauseChange, FaultBegins, FaultEnds, RunEnded, StateChange
 from bench.record import Run
+from bench.scenario.model import LONGEST_DESCRIPTION
 
 from .conftest import Motions
 
@@ -158,6 +159,25 @@ def test_all_is_drawn_and_nothing_stands_out_of_the_page(open_page, report_page,
       });
     }"""
     assert min(tab.locator("#road").evaluate(count, data["road"]["colours"])) > 200
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_words_of_any_length_stay_on_the_page(open_page, run_of, size):
+    word = "x" * 100_000
+    motions = Motions(2, 20)
+    motions.events = [
+        (0.0, StateChange("info", "veh1." + word, word, "run")),
+        (0.1, FaultBegins("ecu_crash", {"ecu": word}, 1.5)),
+        (0.1, RunEnded("failed", word)),
+    ]
+    run = run_of(motions, result={"status": word, "reason": word})
+    run.metadata |= {"label": word, "big": word * 20, word: "1"}
+    long = run.scenario.model_copy(update={"description": word * 20}).toml()
+    del run.scenario, run.scenario_text
+    run.attachments["scenario.toml"] = long.encode()
+    tab = open_page(render(run), size=size)
+    assert tab.evaluate("document.documentElement.scrollWidth") == size["width"]
+    assert len(tab.locator("#description").inner_text()) == LONGEST_DESCRIPTION
 
 
 @pytest.mark.parametrize(("vehicles", "cycles"), [(1, 1), (16, 20)])

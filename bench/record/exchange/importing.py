@@ -16,6 +16,7 @@ from bench.errors import BadInput
 from bench.files import check_new, written_aside
 from bench.mcap.time_span import NS
 from bench.names import V2V
+from bench.record.can_frame import MOST_BUSES
 from bench.record.exchange.formats import BUS_NAME, LONGEST_NS, Format
 from bench.record.exchange.readers import Contents, Logged, read
 from bench.record.writer import RunWriter
@@ -137,6 +138,8 @@ def _bus_names(contents: Sequence[Contents], chosen: Mapping[str, str]) -> list[
     """
     channels = [dict.fromkeys(frame.channel for frame in content.frames) for content in contents]
     found = list(dict.fromkeys(channel for each in channels for channel in each))
+    if len(found) > MOST_BUSES:
+        raise BadInput(f"the files have {len(found)} channels; a log may have at most {MOST_BUSES} CAN buses")
     for channel, bus in chosen.items():
         if channel not in found:
             raise BadInput(f"--bus {channel}={bus}: no frame of a channel {channel}; the files have {', '.join(found)}")
