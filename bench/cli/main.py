@@ -21,7 +21,9 @@ from bench.cli.replay import add_replay
 from bench.cli.resim import add_resim
 from bench.cli.results import add_results
 from bench.cli.run import add_run
-from bench.errors import BadInput, BenchError
+from bench.cli.streams import flush, prepare_streams
+from bench.conductor.limits import LEAST_FILES, require_files, require_memory
+from bench.errors import BadInput, BenchError, shortage
 from platoon_fmu.errors import FmuError
 from platoon_fmu.interpreter import search_path
 
@@ -69,6 +71,7 @@ def _options(
 
 def main() -> None:
     """Run the command; show what went wrong as one message."""
+    output = prepare_streams()
     # With `python -m`, or an empty entry in PYTHONPATH, the working directory is on the path.
     sys.path[:] = search_path()
     # Before numpy is loaded: on matrices of three rows threads only slow it down.
@@ -76,14 +79,37 @@ def main() -> None:
     warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
     # Not undone: the interpreter itself prints the traceback of what nobody expected.
     guard()
+    code = _exit_code()
+    flush()
+    if output.problem is not None:
+        _say(f"not all output could be written: {output.problem.strerror}")
+        code = code or 1
+    sys.exit(code)
+
+
+def _exit_code() -> int | str | None:
+    """Run the command; return its exit code."""
     try:
+        require_files(LEAST_FILES)
+        require_memory()
         app()
+    except SystemExit as ended:
+        return ended.code
     except (BenchError, FmuError) as error:
-        typer.echo(f"platoon: {error}", err=True, color=True)
-        sys.exit(error.exit_code if isinstance(error, BenchError) else 1)
-    except OSError as error:
+        _say(str(error))
+        return error.exit_code if isinstance(error, BenchError) else 1
+    except (OSError, MemoryError, RuntimeError) as error:
+        lacking = shortage(error)
+        if lacking is not None:
+            _say(lacking)
+            return 1
         # Of all that can be wrong with a file name, only its length makes the check for its existence fail.
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        typer.echo(f"platoon: {str(error.filename)[:60]}...: {error.strerror}", err=True, color=True)
-        sys.exit(BadInput.exit_code)
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            _say(f"{str(error.filename)[:60]}...: {error.strerror}")
+            return BadInput.exit_code
+        raise
+    return 0
+
+
+def _say(text: str) -> None:
+    typer.echo(f"platoon: {text}", err=True, color=True)

@@ -20,9 +20,10 @@ from bench.bus.link.base import Link
 from bench.bus.topic import Topic
 from bench.conductor.fork_server import Child, Setup
 from bench.conductor.interrupts import Interrupts
-from bench.conductor.linux import enlarge_pipe
+from bench.conductor.linux import enlarge_pipe, is_stopped
 from bench.errors import RunFailed
 from bench.events import EcuNote
+from bench.memory_file import memory_file
 from platoon_fmu.interpreter import python
 
 LAST_WORDS_BYTES = 8192
@@ -33,6 +34,9 @@ KILL_S = 5.0
 
 RESTART_S = 60.0
 """Wall-clock time in s that an ECU may take to restart."""
+
+RESUME_S = 0.1
+"""Wall-clock time in s after which stopped processes are resumed, again, at the end of a run."""
 
 _FORK_SERVER = "fork server"
 _THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -291,12 +295,14 @@ class ProcessCrew:
         while waiting := [name for name, process in self._members() if not (process.ready or process.excused)]:
             left = deadline - time.monotonic()
             if left <= 0:
-                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s")
+                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s{self._stopped(waiting)}")
             self._select(left)
             self._check()
 
     def stop(self, grace_s: float) -> list[str]:
         """See `Crew`."""
+        if self._reports < 0:
+            return []
         for name, process in self._members():
             if process.excused:
                 # It may be stopped, or hang: do not wait for it.
@@ -310,7 +316,12 @@ class ProcessCrew:
             for name, process in self._members()
             if process.code and not process.excused
         ]
-        problems += [f"{name} did not stop and was killed" for name, process in self._members() if process.code is None]
+        unknown = [name for name, process in self._members() if process.code is None]
+        if unknown and (not self._reports_open or is_stopped(self._fork_server.pid)):
+            how = "was stopped by a signal" if self._reports_open else "ended"
+            problems.append(f"the {_FORK_SERVER} of the processes {how} at the end of the run")
+        else:
+            problems += [f"{name} did not stop and was killed" for name in unknown]
         self.close()
         return problems
 
@@ -418,7 +429,20 @@ class ProcessCrew:
             left = deadline - time.monotonic()
             if left <= 0:
                 return
-            self._select(left)
+            self._resume_stopped()
+            self._select(min(left, RESUME_S))
+
+    def _resume_stopped(self) -> None:
+        """Let processes end that somebody has stopped (SIGSTOP)."""
+        self._fork_server.send_signal(signal.SIGCONT)
+        for name, _ in self._members():
+            self._signal(name, signal.SIGCONT)
+
+    def _stopped(self, names: Sequence[str]) -> str:
+        """Return which of these processes, or the fork server, somebody has stopped, for a message."""
+        pids = {_FORK_SERVER: self._fork_server.pid} | {name: self._processes[name].pid or 0 for name in names}
+        stopped = [name for name, pid in pids.items() if pid and is_stopped(pid)]
+        return f"; stopped by a signal: {', '.join(stopped)}" if stopped else ""
 
     def _end_of(self, name: str) -> str:
         process = self._processes[name]
@@ -437,24 +461,22 @@ class ProcessCrew:
 
 def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
     """Start a fork server; its standard input is the lifeline."""
+    content = memory_file(pickle.dumps(setup))
     try:
         fork_server = python(
             "bench.conductor.fork_server",
+            str(content),
             settings=_THREADS,
             stdin=subprocess.PIPE,
             stdout=stderr,
             stderr=stderr,
-            pass_fds=(setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
+            pass_fds=(content, setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
             # Ctrl-C in a terminal signals all processes of its group: only the conductor handles it.
             start_new_session=True,
         )
     finally:
+        os.close(content)
         os.close(stderr)
-    # If it has died already, its report pipe ends, which is noticed later.
-    with suppress(BrokenPipeError):
-        if fork_server.stdin is not None:
-            fork_server.stdin.write(pickle.dumps(setup))
-            fork_server.stdin.flush()
     return fork_server
 
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 from bench.bus.control_channel import ControlChannel, Kind
 from bench.conductor.linux import die_with_parent, set_name
-from bench.errors import BenchError
+from bench.errors import BenchError, shortage
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,11 @@ class Setup:
 
 
 def main() -> None:
-    """Run a fork server: it reads its pickled setup from standard input, whose end is the lifeline."""
+    """Run a fork server: its argument is the descriptor of its pickled setup, its standard input the lifeline."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    setup: Setup = pickle.load(sys.stdin.buffer)
+    with open(int(sys.argv[1]), "rb") as content:  # noqa: PTH123 - a descriptor has no path
+        setup: Setup = pickle.load(content)
     lifeline = os.dup(0)
     with open(os.devnull) as null:  # noqa: PTH123 - a descriptor is wanted, not a path
         os.dup2(null.fileno(), 0)
@@ -82,6 +83,8 @@ def main() -> None:
         _ForkServer(setup, ControlChannel(lifeline, setup.reports, setup.board)).run()
     except BenchError as error:
         sys.exit(str(error))
+    except OSError as error:
+        sys.exit(shortage(error) or f"{type(error).__name__}: {error}")
 
 
 class _ForkServer:
@@ -178,8 +181,12 @@ def _run(child: Child, channel: ControlChannel, stderrs: Sequence[int]) -> int:
         code = 0
     except BenchError as error:
         sys.stderr.write(f"{error}\n")
-    except Exception:  # noqa: BLE001 - the last one who can say what happened
-        traceback.print_exc()
+    except Exception as error:  # noqa: BLE001 - the last one who can say what happened
+        lacking = shortage(error)
+        if lacking:
+            sys.stderr.write(f"{lacking}\n")
+        else:
+            traceback.print_exc()
     sys.stdout.flush()
     sys.stderr.flush()
     return code

@@ -33,6 +33,16 @@ def set_name(name: str) -> None:
     _prctl(_PR_SET_NAME, name.encode())
 
 
+def is_stopped(pid: int) -> bool:
+    """Whether a process has been stopped by a signal (SIGSTOP), or by a debugger."""
+    try:
+        with open(f"/proc/{pid}/stat") as stat:  # noqa: PTH123 - as everywhere here
+            # The name, in parentheses, may contain any character.
+            return stat.read().rpartition(")")[2].split()[0] in "Tt"
+    except (OSError, IndexError):
+        return False
+
+
 @contextmanager
 def as_batch_work() -> Iterator[None]:
     """Do not interrupt others when woken: this thread, and the processes it starts meanwhile (SCHED_BATCH, sched(7)).

@@ -21,6 +21,7 @@ from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots, described, free_slots, refuse_outages
 from bench.conductor.interrupts import Interrupted, Interrupts
+from bench.conductor.limits import FILES_OF_VEHICLE, LEAST_FILES, require_files
 from bench.conductor.linux import as_batch_work
 from bench.conductor.lockstep import Lockstep
 from bench.conductor.options import RunOptions
@@ -151,6 +152,7 @@ def _checked(options: RunOptions) -> tuple[list[EcuSlot], Path]:
     """
     if options.out.exists():
         raise BadInput(f"the log {options.out} already exists; give another file with --out, or remove it")
+    require_files(LEAST_FILES + FILES_OF_VEHICLE * options.vehicles)
     fmu = options.fmu or _built_fmu()
     free = free_slots(options.without, options.vehicles, options.address)
     refuse_outages(options.scenario.faults, options.without)

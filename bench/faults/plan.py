@@ -6,9 +6,7 @@ scenario's seed, the fault and the frame. Faults injected into a running bench r
 
 import json
 import mmap
-import os
 import struct
-import tempfile
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from random import Random
@@ -18,6 +16,7 @@ from pydantic import TypeAdapter
 from bench.cycle import CYCLE_S
 from bench.faults.base import Fault, FrameContext, Window
 from bench.faults.kinds import AnyFault
+from bench.memory_file import memory_file
 
 Faults = tuple[tuple[int, Fault], ...]
 """The faults active in a cycle, each with its number in the plan."""
@@ -41,9 +40,7 @@ class FaultBoard:
     @staticmethod
     def create() -> int:
         """Return the file descriptor of a new, empty board; the last process that has it open frees it."""
-        with tempfile.TemporaryFile() as file:
-            file.truncate(BOARD_BYTES)
-            return os.dup(file.fileno())
+        return memory_file(bytes(BOARD_BYTES))
 
     @property
     def count(self) -> int:

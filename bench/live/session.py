@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import os
 import select
+import signal
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 
+from bench.conductor.linux import is_stopped
 from bench.errors import BadInput
 from bench.live.address import LiveAddress
 from platoon_fmu.interpreter import python
@@ -22,6 +25,11 @@ START_S = 60.0
 
 END_S = 30.0
 """Wall-clock time in s that it may take to show the complete run to viewers, before it is killed."""
+
+MOST_RESUMED = 2
+"""Number of times that it is resumed at the end after somebody has stopped it."""
+
+_ASK_S = 0.5
 
 PACKAGES = ("websockets",)
 """What the server needs beyond the bench."""
@@ -67,7 +75,8 @@ class LiveSession:
             told = self._process.stdout.readline()
         answer = json.loads(told or "{}")
         if "served" not in answer:
-            raise BadInput(answer.get("refused") or f"the live server did not start: {self._words()}")
+            how = f"it is stopped after {START_S:g} s" if is_stopped(self._process.pid) else self._words()
+            raise BadInput(answer.get("refused") or f"the live server did not start: {how}")
         return str(answer["served"])
 
     def check(self) -> None:
@@ -83,12 +92,33 @@ class LiveSession:
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:
-            self._process.wait(END_S)
+            self._await_end()
             self.check()
         except subprocess.TimeoutExpired:
-            self._warn(f"the live server has not ended in {END_S:g} s and is killed")
+            how = "is stopped" if is_stopped(self._process.pid) else f"has not ended in {END_S:g} s"
+            self._warn(f"the live server {how} and is killed")
         finally:
             self.kill()
+
+    def _await_end(self) -> None:
+        """Wait until it has ended. If somebody has stopped it (SIGSTOP), viewers get the end nevertheless.
+
+        Raises:
+            subprocess.TimeoutExpired: it takes longer than `END_S`, or is stopped again and again.
+        """
+        deadline = time.monotonic() + END_S
+        times_resumed = 0
+        while True:
+            if is_stopped(self._process.pid):
+                self._process.send_signal(signal.SIGCONT)
+                times_resumed += 1
+            try:
+                self._process.wait(min(_ASK_S, max(0.0, deadline - time.monotonic())))
+            except subprocess.TimeoutExpired:
+                if time.monotonic() >= deadline or times_resumed > MOST_RESUMED:
+                    raise
+                continue
+            return
 
     def kill(self) -> None:
         """End the server at once."""

@@ -48,6 +48,7 @@ class Watched:
             "without_wait_s": GUARD_S,
             "file_limit": 0,
             "realtime": False,
+            "ready_s": GUARD_S,
             "out": str(self.out),
         } | given
         paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
@@ -85,6 +86,14 @@ class Watched:
             except OSError:
                 continue
         return found
+
+    def children(self, word: str) -> list[int]:
+        """Process numbers of the run's own children whose command line contains a word."""
+        try:
+            found = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+            return [int(pid) for pid in found if word.encode() in Path(f"/proc/{pid}/cmdline").read_bytes()]
+        except OSError:
+            return []
 
     def pid_of(self, name: str) -> int:
         """Process number of the process of that name."""

@@ -5,6 +5,7 @@ import resource
 import sys
 from pathlib import Path
 
+import bench.conductor.run
 from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
@@ -16,6 +17,7 @@ def main() -> int:
     given = json.loads(sys.argv[1])
     if given["file_limit"]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (given["file_limit"], given["file_limit"]))
+    bench.conductor.run.READY_S = given["ready_s"]
     try:
         result = run(
             RunOptions(

@@ -5,7 +5,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -13,6 +15,7 @@ import pytest
 from bench.analysis.page_data import events_of
 from bench.errors import BadInput
 from bench.live import session
+from bench.live.address import LiveAddress
 from bench.record import diff
 from bench.record.reader import Run
 
@@ -63,6 +66,42 @@ def test_a_server_that_dies_is_missed_by_nobody(start: Start) -> None:
     _, errors = bench.end()
     assert errors.count("the live server was killed by signal 9; the run goes on without it") == 1
     assert Run(bench.out).result["status"] == "completed"
+
+
+def test_a_server_that_is_stopped_gives_viewers_the_end_nevertheless(start: Start) -> None:
+    bench = start("--can", "udp", duration=300.0)
+    bench.html()
+    viewer = bench.told()
+    next(viewer)
+    os.kill(bench.server, signal.SIGSTOP)
+    bench.process.send_signal(signal.SIGINT)
+    messages = list(viewer)
+    code, errors = bench.end()
+    assert (code, errors.count("live server")) == (1, 0), errors
+    assert messages[-1]["replace"]["status"] == "interrupted"
+
+
+def test_a_server_that_somebody_keeps_stopping_is_killed(tmp_path: Path) -> None:
+    warnings: list[str] = []
+    live = session.LiveSession(tmp_path / "run.mcap", LiveAddress.parse("127.0.0.1:0"), warnings.append)
+    assert live.served().startswith("live: http://")
+    pid = live._process.pid
+    over = threading.Event()
+
+    def keep_stopping() -> None:
+        while not over.wait(0.001):
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGSTOP)
+
+    stopper = threading.Thread(target=keep_stopping)
+    stopper.start()
+    try:
+        live.end()
+    finally:
+        over.set()
+        stopper.join()
+    assert warnings == ["the live server is stopped and is killed"]
+    assert not Path(f"/proc/{pid}").exists()
 
 
 def test_ctrl_c_ends_run_and_server(start: Start) -> None:
