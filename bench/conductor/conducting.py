@@ -15,11 +15,12 @@ from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk
 from bench.conductor.free_slots import FreeSlots
+from bench.conductor.linux import dropped_datagrams
 from bench.conductor.outages import Outages
 from bench.conductor.refusals import Refusals
 from bench.cycle import time_of
 from bench.events import EcuFailed, EcuNote, Event, FramesRefused, ProcessOutput, Refusal
-from bench.names import PLANT
+from bench.names import CONDUCTOR, PLANT
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
@@ -159,11 +160,12 @@ class Conductor(ABC):
                 self._refusals.refuse(bus, frame, why or Refusal.NOT_DUE)
         return self._free.note(bus, whole)
 
-    def _losses(self) -> str:
-        """Return a clause about the frames that the conductor itself has lost; empty if none."""
-        lost = {bus: link.frames_lost() for bus, link in self._links.items()}
-        text = ", ".join(f"{count} on {bus}" for bus, count in lost.items() if count)
-        return f"; the conductor could not read all frames as fast as they came and lost {text}" if text else ""
+    def _losses(self, crew: Crew) -> str:
+        """Return a clause about frames that came faster than they were read; empty if none are known."""
+        own = {f"by {CONDUCTOR} on {bus}": link.frames_lost() for bus, link in self._links.items()}
+        others = {f"by {name}": count for name, count in dropped_datagrams(crew.pids).items()}
+        lost = ", ".join(f"{count} {who}" for who, count in (own | others).items() if count)
+        return f"; frames came faster than they were read and were lost: {lost}" if lost else ""
 
     def _when(self) -> str:
         return f"in cycle {self.cycle} (t = {time_of(self.cycle):.2f} s)"

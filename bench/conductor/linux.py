@@ -7,8 +7,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
@@ -132,6 +133,28 @@ def stolen_s() -> float:
             return int(stat.readline().split()[8]) / os.sysconf("SC_CLK_TCK")
     except (OSError, IndexError, ValueError):
         return 0.0
+
+
+def dropped_datagrams(pids: Mapping[str, int]) -> dict[str, int]:
+    """Return the number of UDP datagrams that the kernel has dropped before processes read them, by name; none if 0.
+
+    Args:
+        pids: process numbers by name; one that has ended has none.
+    """
+    try:
+        rows = [line.split() for line in Path("/proc/net/udp").read_text().splitlines()[1:]]
+    except OSError:
+        return {}
+    drops = {f"socket:[{row[9]}]": int(row[12]) for row in rows if len(row) > 12}
+    found = {name: sum(drops.get(each, 0) for each in _descriptors(pid)) for name, pid in pids.items()}
+    return {name: count for name, count in found.items() if count}
+
+
+def _descriptors(pid: int) -> set[str]:
+    """Return what a process has open; empty if that cannot be told."""
+    with suppress(OSError):
+        return {str(each.readlink()) for each in Path(f"/proc/{pid}/fd").iterdir()}
+    return set()
 
 
 def wait_until(time_ns: int) -> None:

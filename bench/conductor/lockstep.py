@@ -136,7 +136,7 @@ class Lockstep(Conductor):
                 continue
             guilty = self._frames.guilty(crew.inputs)
             text = f"{when} {self._frames.silent(guilty)}; no due frame was received for {self._silence_s:g} s"
-            text += self._losses()
+            text += self._losses(crew)
             if not self._goes_on_without(guilty, crew, text):
                 raise RunFailed(text)
 

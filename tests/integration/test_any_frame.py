@@ -7,7 +7,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -93,7 +93,14 @@ def address(can: str) -> str:
     return f"udp:{61000 + os.getpid() % 400 * 8}" if can == "udp" else can
 
 
-def log(out: Path, can: str, *overrides: str, ecus: dict[str, str] = SIMPLE, realtime: bool = False) -> Run:
+def log(
+    out: Path,
+    can: str,
+    *overrides: str,
+    ecus: dict[str, str] = SIMPLE,
+    realtime: bool = False,
+    without: Sequence[str] = (),
+) -> Run:
     options = RunOptions(
         load("formation", list(overrides)),
         address=Address.parse(can),
@@ -101,6 +108,8 @@ def log(out: Path, can: str, *overrides: str, ecus: dict[str, str] = SIMPLE, rea
         command_line=["test"],
         ecus=ecus,
         realtime=realtime,
+        without=without,
+        silence_s=GUARD_S,
     )
     return Run(run(options).path)
 
@@ -180,10 +189,11 @@ def test_valid_frames_with_nonsense_values_do_not_end_a_run(
     can: str, realtime: bool, stranger: Stranger, tmp_path: Path, tries: Tries
 ) -> None:
     there = address(can)
+    ecus = dict(DEFAULT_ECUS) if can == "udp" else tries(SIMPLE, DEFAULT_ECUS)
     for seed in range(tries(1, 5)):
         enemy = stranger(there, believed=True, seed=seed)
         out = tmp_path / f"run{seed}.mcap"
-        recorded = log(out, there, "duration_s=1.0", ecus=DEFAULT_ECUS, realtime=realtime)
+        recorded = log(out, there, "duration_s=1.0", ecus=ecus, realtime=realtime)
         assert sent_by(enemy) > 1000
         assert recorded.result["status"] == "completed"
         assert recorded.result["cycles"] == "100"
@@ -191,7 +201,7 @@ def test_valid_frames_with_nonsense_values_do_not_end_a_run(
             table = recorded.frame_table(bus)
             syncs = table[(table["can_id"] == codec.can_id("BenchSync")) & (table["length"] == 8)]
             assert {*range(100)} <= set((syncs["time"] // CYCLE_NS).tolist())
-        assert_readable(out, tmp_path, DEFAULT_ECUS)
+        assert_readable(out, tmp_path, ecus)
         (tmp_path / "report.html").unlink()
 
 
@@ -270,3 +280,17 @@ def test_a_flood_of_strangers_does_not_hide_that_an_ecu_is_silent(
     recorded = Run(run.out)
     assert recorded.result["status"] == "failed"
     assert "veh2.tracker sends no SteeringCommand" in recorded.result["reason"]
+
+
+@pytest.mark.kernel_can
+@pytest.mark.skipif(bool(lack_of_can()), reason="this kernel has no CAN")
+def test_the_tracker_in_c_takes_part_whatever_else_comes(stranger: Stranger, tmp_path: Path, c_tracker: Path) -> None:
+    stranger("vcan")
+    with subprocess.Popen([c_tracker, "vcan1"], stderr=subprocess.PIPE, text=True) as alone:
+        try:
+            recorded = log(tmp_path / "run.mcap", "vcan", "duration_s=0.5", without=["veh1.tracker"])
+            assert alone.wait(GUARD_S) == 0
+        finally:
+            alone.kill()
+    assert recorded.result["status"] == "completed"
+    assert len(recorded.message("veh1", "SteeringCommand")["t"]) >= 50

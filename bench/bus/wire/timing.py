@@ -32,6 +32,9 @@ from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bit
 from bench.cycle import CYCLE_NS
 from bench.names import PLANT, V2V
 
+MOST_HELD = 20_000
+"""Number of frames that wait for their time on the wire; beyond it, a flood's are sent whatever may follow."""
+
 _NEVER = 1 << 62
 
 FRAME = np.dtype(
@@ -158,7 +161,7 @@ class BusTimeline:
         """Send frames and return those whose timing is final.
 
         A frame still waiting at the end of the newest cycle may be overtaken by one of the next cycle; it is returned
-        with a later batch.
+        with a later batch. On buses that are overloaded for long, those of `MOST_HELD` and more are not overtaken.
 
         Args:
             frames: (n,) new ones as `FRAME`, `wire` 0, cycle after cycle, in lockstep complete cycles only; modified.
@@ -174,7 +177,7 @@ class BusTimeline:
         self._serial += len(frames)
         done: list[tuple[int, int, int]] = []
         absent = self._realtime_batch(frames, serials, done) if self._realtime else self._cycles(frames, serials, done)
-        if last:
+        if last or len(self._held) > MOST_HELD:
             # Vehicles first: frames received on their buses release the planners' frames on v2v.
             for port in self._in_order():
                 port.run(_NEVER, done)

@@ -6,11 +6,12 @@
  * - Until its first BenchSync it sends its status with State Wait every 100 ms, so that the bench detects it.
  * - BenchSync opens a cycle. In virtual time (Run) it waits for all its inputs of that cycle, identified by
  *   their alive counter, which is the cycle modulo 15; in real time (RunRealtime) for at most INPUT_WAIT_MS.
- * - BenchAbsent announces, in virtual time, a frame that will not arrive in this cycle. If it is one of the tracker's, the
- *   others have continued without it, and it skips the cycle.
+ * - BenchAbsent announces, in virtual time, a frame that will not arrive in this cycle. If all its commands are announced,
+ *   the others have continued without the tracker, and it skips the cycle.
  * - It answers with its three commands, whose counter is the cycle modulo 15, and with the diagnostics that are due; in
  *   virtual time it announces those that it does not send with BenchAbsent.
  * - It ends on BenchSync with Stop.
+ * - Anybody can send anything: it follows a BenchSync only if that is consistent and its cycle follows.
  */
 #include <errno.h>
 #include <linux/can.h>
@@ -33,7 +34,11 @@
 
 #define WAIT_PERIOD_MS 100 /* between two signs of life before the first BenchSync */
 #define INPUT_WAIT_MS 5    /* in real time, for the inputs after BenchSync */
-#define SILENCE_MS 10000   /* without a frame once the bench runs: it is gone */
+#define SILENCE_MS 10000   /* without a new cycle once the bench runs: it is gone */
+#define STOP_LAG 2         /* in real time, cycles by which the conductor may be behind with Stop */
+#define AHEAD_CYCLES 100   /* in real time, by which BenchSync may be ahead of the clock, which began with the first */
+#define LARGEST_TIME 0xFFFFFFu
+#define MOST_FRAMES 1000 /* taken before a step, however many more there are */
 
 /* The DBC's value table of Command. */
 enum sync_command { SYNC_STOP = 0, SYNC_RUN = 1, SYNC_RUN_REALTIME = 2 };
@@ -57,10 +62,12 @@ struct tracker {
     int socket;
     struct input inputs[INPUTS];
     struct e2e_receiver sync, absent;
-    bool heard; /* a BenchSync has arrived */
-    bool open;  /* the cycle waits for its step */
+    bool heard;   /* a BenchSync has arrived */
+    bool certain; /* it was cycle 0, or the next has followed */
+    bool open;    /* the cycle waits for its step */
     bool realtime;
     uint32_t cycle;
+    unsigned announced; /* which of its commands are announced as absent in this cycle, a bit each */
     int64_t opened_ms;
     bool has_reference;
     struct motion reference;
@@ -166,16 +173,36 @@ static void step(struct tracker *tracker) {
 
 /* --- receiving --- */
 
-/* Takes a BenchSync; whether it is Stop. */
-static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
-    size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
-    enum e2e_status status = e2e_check(&tracker->sync, frame->data, length);
-    tracker->errors += status != E2E_OK;
-    if (status == E2E_ERROR || status == E2E_REPEATED) {
+/* Whether the counter and time of a BenchSync are those of its cycle, and that follows the cycles before. */
+static bool follows(const struct tracker *tracker, const struct vehicle_bench_sync_t *sync) {
+    uint32_t time_ms = sync->cycle < LARGEST_TIME / CYCLE_MS ? sync->cycle * CYCLE_MS : LARGEST_TIME;
+    if (sync->alive_counter != sync->cycle % E2E_COUNTER_MODULUS || sync->time != time_ms) {
         return false;
     }
+    if (!tracker->certain) {
+        return sync->command != SYNC_STOP && !(tracker->heard && sync->cycle == tracker->cycle);
+    }
+    uint32_t next = tracker->cycle + 1;
+    if (sync->command == SYNC_STOP) {
+        return sync->cycle > 0 && sync->cycle <= next && next - sync->cycle <= (tracker->realtime ? STOP_LAG : 0);
+    }
+    if ((sync->command == SYNC_RUN_REALTIME) != tracker->realtime) {
+        return false;
+    }
+    int64_t latest = next + AHEAD_CYCLES + (now_ms() - tracker->opened_ms) / CYCLE_MS;
+    return sync->cycle == next || (tracker->realtime && sync->cycle > next && sync->cycle <= latest);
+}
+
+/* Takes a BenchSync; whether it is Stop. */
+static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
     struct vehicle_bench_sync_t sync;
-    vehicle_bench_sync_unpack(&sync, frame->data, frame->can_dlc);
+    size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
+    /* Its cycle tells more than its counter. */
+    bool whole = e2e_check(&tracker->sync, frame->data, length) != E2E_ERROR;
+    if (!whole || vehicle_bench_sync_unpack(&sync, frame->data, frame->can_dlc) != 0 || !follows(tracker, &sync)) {
+        tracker->errors++;
+        return false;
+    }
     if (sync.command == SYNC_STOP) {
         return true;
     }
@@ -183,7 +210,9 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
         /* Only in real time, or if the others have continued without this ECU: the awaited cycle is over. */
         skip_cycle(tracker);
     }
+    tracker->certain = tracker->certain || sync.cycle == 0 || (tracker->heard && sync.cycle == tracker->cycle + 1);
     tracker->heard = tracker->open = true;
+    tracker->announced = 0;
     tracker->errors_at_sync = tracker->errors;
     tracker->realtime = sync.command == SYNC_RUN_REALTIME;
     tracker->cycle = sync.cycle;
@@ -192,7 +221,13 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
 }
 
 static void take_absent(struct tracker *tracker, const struct can_frame *frame) {
-    if (frame->can_dlc != VEHICLE_BENCH_ABSENT_LENGTH ||
+    static const uint32_t commands[] = {
+        VEHICLE_STEERING_COMMAND_FRAME_ID,
+        VEHICLE_TORQUE_COMMAND_FRONT_FRAME_ID,
+        VEHICLE_TORQUE_COMMAND_REAR_FRAME_ID,
+    };
+    enum { COMMANDS = sizeof commands / sizeof commands[0] };
+    if (tracker->realtime || frame->can_dlc != VEHICLE_BENCH_ABSENT_LENGTH ||
         e2e_check(&tracker->absent, frame->data, frame->can_dlc) == E2E_ERROR) {
         tracker->errors++;
         return;
@@ -202,7 +237,10 @@ static void take_absent(struct tracker *tracker, const struct can_frame *frame) 
     if (!tracker->open || absent.cycle != tracker->cycle) {
         return;
     }
-    if (absent.identifier == VEHICLE_STEERING_COMMAND_FRAME_ID) {
+    for (unsigned i = 0; i < COMMANDS; i++) {
+        tracker->announced |= absent.identifier == commands[i] ? 1u << i : 0u;
+    }
+    if (tracker->announced == (1u << COMMANDS) - 1u) {
         skip_cycle(tracker);
     }
     for (int i = 0; i < INPUTS; i++) {
@@ -262,8 +300,12 @@ static bool take(struct tracker *tracker, const struct can_frame *frame) {
 /* Takes all arrived frames before any step, since the awaited cycle may be over. Returns whether the bench has stopped. */
 static bool take_all(struct tracker *tracker) {
     struct can_frame frame;
-    ssize_t got;
-    while ((got = recv(tracker->socket, &frame, sizeof frame, MSG_DONTWAIT)) == (ssize_t)sizeof frame) {
+    ssize_t got = 0;
+    for (int i = 0; i < MOST_FRAMES; i++) {
+        got = recv(tracker->socket, &frame, sizeof frame, MSG_DONTWAIT);
+        if (got != (ssize_t)sizeof frame) {
+            break;
+        }
         if (take(tracker, &frame)) {
             return true;
         }
@@ -278,7 +320,7 @@ static int wait_ms(const struct tracker *tracker) {
     if (!tracker->heard) {
         return WAIT_PERIOD_MS;
     }
-    if (!tracker->open || !tracker->realtime) {
+    if (!tracker->open || !tracker->realtime || !tracker->certain) {
         return SILENCE_MS;
     }
     int64_t left = tracker->opened_ms + INPUT_WAIT_MS - now_ms();
@@ -298,15 +340,14 @@ static int serve(struct tracker *tracker) {
         if (count < 0 && errno != EINTR) {
             fail("waiting for frames");
         }
-        if (count > 0) {
-            if (take_all(tracker)) {
-                return 0;
-            }
-        } else if (count == 0 && tracker->heard && !(tracker->open && tracker->realtime)) {
-            fprintf(stderr, "tracker: no frame for %d s; is the bench still running?\n", SILENCE_MS / 1000);
+        if (count > 0 && take_all(tracker)) {
+            return 0;
+        }
+        if (tracker->heard && now_ms() - tracker->opened_ms >= SILENCE_MS) {
+            fprintf(stderr, "tracker: no new cycle for %d s; is the bench still running?\n", SILENCE_MS / 1000);
             return 1;
         }
-        bool waited = tracker->realtime && now_ms() - tracker->opened_ms >= INPUT_WAIT_MS;
+        bool waited = tracker->realtime && tracker->certain && now_ms() - tracker->opened_ms >= INPUT_WAIT_MS;
         if (tracker->open && (is_complete(tracker) || waited)) {
             step(tracker);
         }

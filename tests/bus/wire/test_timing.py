@@ -12,7 +12,7 @@ from bench.bus.codec import load_codecs
 from bench.bus.link.base import EXTENDED
 from bench.bus.topic import Topic
 from bench.bus.wire.frame_length import INTERFRAME_BITS, crc15, frame_bits, longest_bits, priority
-from bench.bus.wire.timing import FRAME, BusTimeline
+from bench.bus.wire.timing import FRAME, MOST_HELD, BusTimeline
 from bench.cycle import CYCLE_NS
 
 BIT_NS = {"v2v": 1000, "veh1": 2000, "veh2": 2000}
@@ -253,3 +253,19 @@ def test_in_real_time_a_frame_waits_from_its_receipt_on(codecs):
     end = int(timing["wire"]) + INTERFRAME_BITS * BIT_NS["veh1"] + duration(position, "veh1")
     assert position["wire"] == end
     assert position["response"] == end - 1_050_000
+
+
+def test_a_flood_that_no_bus_could_carry_does_not_wait_for_ever():
+    """The frames of a cycle that do not fit into it are held for the next, but a bounded number of them."""
+    timeline = BusTimeline(load_codecs(2), INPUTS)
+    returned, held_most, cycles, count = 0, 0, 300, 128
+    for cycle in range(cycles):
+        frames = np.zeros(count, FRAME)
+        frames["bus"], frames["can_id"], frames["length"], frames["time"] = 1, 0x7FF, 8, cycle * CYCLE_NS
+        returned += len(timeline.send(frames))
+        held_most = max(held_most, (cycle + 1) * count - returned)
+    assert returned < cycles * count
+    assert 10 * count < held_most <= MOST_HELD + 2 * count
+    rest = timeline.send(np.zeros(0, FRAME), last=True)
+    assert returned + len(rest) == cycles * count
+    assert (rest["wire"] > 0).all()
