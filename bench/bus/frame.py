@@ -19,3 +19,9 @@ class BusFrame(NamedTuple):
     bus: str
     can_id: int
     data: bytes
+
+
+class RefusedFrame(BusFrame):
+    """One that does not belong to the run: the log has it as it came, undecoded."""
+
+    __slots__ = ()

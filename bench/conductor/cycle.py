@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
-from bench.bus.frame import BusFrame, CanFrame
+from bench.bus.frame import BusFrame, CanFrame, RefusedFrame
 from bench.bus.network import Transmission, transmissions
 from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.sync import BENCH_SYNC
@@ -60,7 +60,7 @@ class CycleFrames:
         self._count = 0
         self.number = -1
         self._counter = 0
-        self.frames: dict[str, list[CanFrame]] = {bus: [] for bus in due}
+        self.frames: dict[str, list[BusFrame]] = {bus: [] for bus in due}
         self.due: list[BusFrame] = []
         self.spoiled: set[tuple[str, int]] = set()
 
@@ -114,8 +114,8 @@ class CycleFrames:
                 self.spoiled.discard((bus, can_id))
                 del missing[can_id]
                 self._count -= 1
-                kept.append(frame)
                 self.due.append(BusFrame(bus, can_id, data))
+                kept.append(self.due[-1])
             else:
                 waited |= self._take_other(bus, frame, due is not None)
         return waited or len(self.due) > taken
@@ -125,7 +125,7 @@ class CycleFrames:
         can_id, data = frame
         why = self._refusals.flaw(bus, can_id, data)
         if why is None and self._waits_for(bus, can_id, data):
-            self.frames[bus].append(frame)
+            self.frames[bus].append(BusFrame(bus, can_id, data))
             return True
         if why is Refusal.DAMAGED and is_missing:
             self.spoiled.add((bus, can_id))
@@ -133,7 +133,7 @@ class CycleFrames:
             # No other node sends BenchSync in virtual time.
             why = Refusal.IMPLAUSIBLE if can_id == self._sync_id[bus] else Refusal.NOT_DUE
         if self._refusals.refuse(bus, frame, why):
-            self.frames[bus].append(frame)
+            self.frames[bus].append(RefusedFrame(bus, can_id, data))
         return False
 
     def _waits_for(self, bus: str, can_id: int, data: bytes) -> bool:
@@ -165,10 +165,9 @@ class CycleFrames:
         for bus, frames in self.frames.items():
             absent_id = self._absent_id[bus]
             # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
-            for can_id, data in sorted(
+            yield from sorted(
                 frames, key=lambda frame: (frame.can_id, frame.data[2:] if frame.can_id == absent_id else b"")
-            ):
-                yield BusFrame(bus, can_id, data)
+            )
 
     def missing(self) -> list[Transmission]:
         """The missing frames."""

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from bench import events
 from bench.bus.control_channel import Truth
 from bench.bus.e2e import COUNTER_MODULUS
-from bench.bus.frame import BusFrame, CanFrame
+from bench.bus.frame import BusFrame, CanFrame, RefusedFrame
 from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.conductor.clock import CLOCK, PRIORITY
@@ -237,7 +237,7 @@ class Realtime(Conductor):
             why = Refusal.IMPLAUSIBLE if can_id == self._sync_ids[bus] else Refusal.NOT_DUE
         if self._refusals.refuse(bus, frame, why):
             now = max(self._newest[bus], 0)
-            self._open[now].frames.append(_Received(received, BusFrame(bus, can_id, data)))
+            self._open[now].frames.append(_Received(received, RefusedFrame(bus, can_id, data)))
         return None
 
     def _cycle_of(self, bus: str, can_id: int, data: bytes, received: int) -> int | None:

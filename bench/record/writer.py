@@ -30,7 +30,7 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bench.bus.codec import Codec
-from bench.bus.frame import BusFrame
+from bench.bus.frame import BusFrame, RefusedFrame
 from bench.bus.wire.timing import FRAME, BusTimeline
 from bench.errors import RunFailed
 from bench.events import Event
@@ -50,7 +50,7 @@ FLUSH_S = 0.5
 PLAN_MESSAGE = "PlannerTarget"
 
 # A `FRAME` that has not been on the wire yet.
-_pack_pending = struct.Struct("<HBIqq8s16x").pack
+_pack_pending = struct.Struct("<HBIqq8s16xB").pack
 # Average bytes of a frame in a chunk, raw and decoded; only sets when a chunk counts as full.
 _BYTES_A_FRAME = 150
 
@@ -159,7 +159,8 @@ class RunWriter:
 
         Args:
             time_ns: simulated time.
-            frames: (n,) bus name (one of the codecs'), identifier and data, at most 8 bytes.
+            frames: (n,) bus name (one of the codecs'), identifier and data, at most 8 bytes; a `RefusedFrame` is
+                recorded, but not decoded.
             receive_ns: (n,) arrival time of each by the host's clock.
 
         Raises:
@@ -173,8 +174,10 @@ class RunWriter:
         pack, numbers = _pack_pending, self._bus_numbers
         self._pending += b"".join(
             [
-                pack(numbers[bus], len(data), can_id, time_ns, received, data)
-                for (bus, can_id, data), received in zip(frames, receive_ns, strict=True)
+                pack(
+                    numbers[frame[0]], len(frame[2]), frame[1], time_ns, received, frame[2], type(frame) is RefusedFrame
+                )
+                for frame, received in zip(frames, receive_ns, strict=True)
             ]
         )
 
@@ -503,12 +506,12 @@ class _DecodedTable:
         self.message = np.array([decoded[key].message for key in keys], np.int64)
 
     def find(self, frames: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-        """Return each frame's index in this table, -1 if the DBC has no such identifier or another length."""
+        """Return each frame's index in this table, -1 if refused, or if the DBC has not its identifier and length."""
         if not len(self._keys):
             return np.full(len(frames), -1, np.int64)
         keys = frames["bus"].astype(np.int64) << 32 | frames["can_id"].astype(np.int64)
         found = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
-        good = (self._keys[found] == keys) & (frames["length"] == self._length[found])
+        good = (self._keys[found] == keys) & (frames["length"] == self._length[found]) & (frames["refused"] == 0)
         return np.where(good, found, -1)
 
 

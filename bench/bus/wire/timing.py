@@ -47,10 +47,11 @@ FRAME = np.dtype(
         ("data", "u1", (8,)),
         ("wire", "<i8"),
         ("response", "<i8"),
+        ("refused", "u1"),
     ]
 )
 """A frame: number of its bus; data padded with zeros; simulated time of its cycle, receive time on the host, end on the
-wire (simulated; 0 if never sent) and response time, all in ns."""
+wire (simulated; 0 if never sent) and response time, all in ns; whether it was refused, 1 or 0."""
 
 
 class _Cycle:
