@@ -90,8 +90,8 @@ class EcuNode:
 
     @property
     def begun(self) -> bool:
-        """Whether a BenchSync has arrived."""
-        return self._inbox.opened >= 0 or self._inbox.stopped
+        """Whether a BenchSync has arrived that begins or continues a run for certain."""
+        return self._inbox.settled or self._inbox.stopped
 
     @property
     def opened(self) -> int:

@@ -258,6 +258,9 @@ def test_an_ecu_that_is_started_by_hand_takes_part_whatever_else_comes(
         text=True,
     )
     try:
+        # It has received many a BenchSync when the run begins.
+        assert alone.stderr is not None
+        assert alone.stderr.readline().startswith("veh2.tracker listens on ")
         run = start(set=["duration_s=0.5"], can=there, without=["veh2.tracker"])
         assert run.end()[::2] == (0, "")
         assert alone.wait(GUARD_S) == 0

@@ -317,10 +317,10 @@ static bool take_all(struct tracker *tracker) {
 }
 
 static int wait_ms(const struct tracker *tracker) {
-    if (!tracker->heard) {
+    if (!tracker->certain) {
         return WAIT_PERIOD_MS;
     }
-    if (!tracker->open || !tracker->realtime || !tracker->certain) {
+    if (!tracker->open || !tracker->realtime) {
         return SILENCE_MS;
     }
     int64_t left = tracker->opened_ms + INPUT_WAIT_MS - now_ms();
@@ -332,7 +332,7 @@ static int serve(struct tracker *tracker) {
     struct pollfd waiting = {.fd = tracker->socket, .events = POLLIN};
     int64_t next_sign_ms = 0;
     for (;;) {
-        if (!tracker->heard && now_ms() >= next_sign_ms) {
+        if (!tracker->certain && now_ms() >= next_sign_ms) {
             send_status((struct outgoing){.socket = tracker->socket}, STATE_WAIT);
             next_sign_ms = now_ms() + WAIT_PERIOD_MS;
         }
@@ -343,7 +343,7 @@ static int serve(struct tracker *tracker) {
         if (count > 0 && take_all(tracker)) {
             return 0;
         }
-        if (tracker->heard && now_ms() - tracker->opened_ms >= SILENCE_MS) {
+        if (tracker->certain && now_ms() - tracker->opened_ms >= SILENCE_MS) {
             fprintf(stderr, "tracker: no new cycle for %d s; is the bench still running?\n", SILENCE_MS / 1000);
             return 1;
         }
