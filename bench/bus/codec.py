@@ -384,6 +384,10 @@ def dbc_text(dbc: bytes) -> str:
     return text.replace("\r\n", "\n")
 
 
+MOST_DBC_BYTES = 2 * 1024 * 1024
+"""Limit on a DBC file, some 20 times the larger one of the bench."""
+
+
 @lru_cache(maxsize=16)
 def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
     """Return a DBC file's content and the tables of its messages, by identifier.
@@ -391,6 +395,8 @@ def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
     Raises:
         BadInput: it is not a valid DBC, or uses features that this codec does not support (see `_layout`).
     """
+    if len(dbc) > MOST_DBC_BYTES:
+        raise BadInput(f"the DBC file has {len(dbc)} bytes; allowed: at most {MOST_DBC_BYTES}")
     try:
         database = load_string(dbc_text(dbc), database_format="dbc", strict=True)
     except CantoolsError as error:

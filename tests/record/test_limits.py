@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
+from bench.bus.codec import MOST_DBC_BYTES, Codec
 from bench.errors import BadInput
 from bench.mcap import limits
 from bench.record import can_frame, event, reader
@@ -136,3 +137,18 @@ def test_an_overview_of_twice_as_many_topics_takes_twice_the_work(tmp_path):
 def test_a_log_at_its_limits_is_read(tmp_path):
     found = overview(Run(log(tmp_path / "most.mcap", channels("/signals/veh1/M{}", limits.MOST_CHANNELS))))
     assert len(found.topics) == limits.MOST_CHANNELS
+
+
+@pytest.mark.parametrize("name", ["a.log", "a.asc"])
+def test_a_line_of_another_tools_log_is_limited(tmp_path, name):
+    line = "(0.0) can0 123#" if name == "a.log" else "0.0 1 123 Rx d 8 "
+    (tmp_path / name).write_text(line + "00" * 5_000_000 + "\n")
+    with pytest.raises(BadInput, match="line 1: it has more than 10000 characters") as refused:
+        import_logs([tmp_path / name], tmp_path / "a.mcap")
+    assert len(str(refused.value)) < 1_000
+
+
+def test_a_dbc_file_is_limited(tmp_path):
+    (tmp_path / "a.dbc").write_bytes(b'VERSION ""\nCM_ "' + b"c" * MOST_DBC_BYTES + b'";\n')
+    with pytest.raises(BadInput, match=r"a.dbc: the DBC file has .* bytes; allowed: at most 2097152"):
+        Codec(tmp_path / "a.dbc")

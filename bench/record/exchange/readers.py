@@ -115,6 +115,10 @@ def read(kind: Format, path: Path) -> Contents:
     return contents
 
 
+LONGEST_LINE = 10_000
+"""Characters of a line of a text file; one with a CAN FD frame has some 300."""
+
+
 class _Lines:
     """A text file that remembers its last line, so that a reader's results and errors can be traced to it.
 
@@ -131,8 +135,13 @@ class _Lines:
         return self
 
     def __next__(self) -> str:
-        self.text = next(self._stream)
+        line = self._stream.readline(LONGEST_LINE + 1)
+        if not line:
+            raise StopIteration
+        self.text = line
         self.number += 1
+        if len(self.text) > LONGEST_LINE:
+            raise ValueError(f"it has more than {LONGEST_LINE} characters")
         return self.text
 
     def close(self) -> None:
