@@ -17,7 +17,7 @@ from mcap.reader import make_reader
 
 from bench.bus.codec import DBC_DIR, DecodeError
 from bench.cycle import CYCLE_NS
-from bench.errors import RunFailed
+from bench.errors import BadInput, RunFailed
 from bench.events import RunEnded
 from bench.record import Run
 from bench.record.event import Event
@@ -272,7 +272,7 @@ def assert_come_back(frames, rows, codecs, tmp_path_factory):
 
 
 def test_a_log_is_never_written_over(recorded, codecs):
-    with pytest.raises(RunFailed, match=r"run\.mcap: File exists"):
+    with pytest.raises(BadInput, match=r"run\.mcap already exists"):
         open_writer(recorded.path, codecs)
 
 
