@@ -13,6 +13,7 @@
 #include "vehicle.h"
 
 #define DEFAULT_TIMEOUT_MS 100u /* where the DBC has none */
+#define LONGEST_US 1048575      /* end of the range of StepTime */
 
 void fail(const char *what) {
     fprintf(stderr, "tracker: %s: %s\n", what, strerror(errno));
@@ -98,6 +99,17 @@ static void send_bus_health(struct outgoing out, struct health health) {
     send_frame(out, VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID, data, VEHICLE_TRACKER_BUS_HEALTH_LENGTH);
 }
 
+static void send_timing(struct outgoing out, int64_t step_us) {
+    uint8_t data[CAN_MAX_DLEN];
+    struct vehicle_tracker_timing_t timing;
+    vehicle_tracker_timing_init(&timing);
+    /* 0 would be no measurement. */
+    int64_t at_least_1 = step_us > 1 ? step_us : 1;
+    timing.step_time = vehicle_tracker_timing_step_time_encode(at_least_1 < LONGEST_US ? (double)at_least_1 : LONGEST_US);
+    vehicle_tracker_timing_pack(data, &timing, sizeof data);
+    send_frame(out, VEHICLE_TRACKER_TIMING_FRAME_ID, data, VEHICLE_TRACKER_TIMING_LENGTH);
+}
+
 /* In virtual time the others wait for every frame that is due, so one that will not be sent is announced. */
 static void announce_absent(struct outgoing out, uint32_t id) {
     uint8_t data[CAN_MAX_DLEN];
@@ -109,7 +121,7 @@ static void announce_absent(struct outgoing out, uint32_t id) {
     send_protected(out, VEHICLE_BENCH_ABSENT_FRAME_ID, data, VEHICLE_BENCH_ABSENT_LENGTH);
 }
 
-void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health) {
+void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health, int64_t step_us) {
     static const struct {
         uint32_t id;
         uint32_t cycle_ms;
@@ -126,6 +138,8 @@ void send_diagnostics(struct outgoing out, enum ecu_state state, struct health h
             send_status(out, state);
         } else if (owed[i].id == VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID) {
             send_bus_health(out, health);
+        } else if (owed[i].id == VEHICLE_TRACKER_TIMING_FRAME_ID) {
+            send_timing(out, step_us);
         } else if (!out.realtime) {
             announce_absent(out, owed[i].id);
         }

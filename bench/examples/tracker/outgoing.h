@@ -52,7 +52,7 @@ void send_commands(struct outgoing out, struct command command, enum worth worth
 /* TrackerStatus alone. */
 void send_status(struct outgoing out, enum ecu_state state);
 
-/* The diagnostics that are due in this cycle; those without content are not sent. */
-void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health);
+/* The diagnostics that are due in this cycle, with the time of the step; those without content are not sent. */
+void send_diagnostics(struct outgoing out, enum ecu_state state, struct health health, int64_t step_us);
 
 #endif

@@ -82,6 +82,12 @@ static int64_t now_ms(void) {
     return (int64_t)now.tv_sec * 1000 + now.tv_nsec / 1000000;
 }
 
+static int64_t now_us(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+}
+
 /* --- one cycle --- */
 
 /* Takes the reference; returns its resulting state. */
@@ -142,6 +148,7 @@ static void skip_cycle(struct tracker *tracker) {
 }
 
 static void step(struct tracker *tracker) {
+    int64_t begun_us = now_us();
     age_inputs(tracker);
     enum ecu_state state = take_reference(tracker);
     struct command command = {0};
@@ -167,7 +174,7 @@ static void step(struct tracker *tracker) {
         .motion = tracker->inputs[MOTION].reception,
         .reference = tracker->inputs[REFERENCE].reception,
     };
-    send_diagnostics(out, state, health);
+    send_diagnostics(out, state, health, now_us() - begun_us);
     end_cycle(tracker);
 }
 
