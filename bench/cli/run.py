@@ -110,10 +110,10 @@ def run(
 
         if session is not None:
             typer.echo(session.served())
-        on_progress = stack.enter_context(following(loaded.name, loaded.duration_s))
+        shown = stack.enter_context(following(loaded.name, loaded.duration_s))
 
         def tell(time_s: float) -> None:
-            on_progress(time_s)
+            shown.at(time_s)
             if session is not None:
                 session.check()
 
@@ -128,6 +128,7 @@ def run(
             without=without or (),
             without_wait_s=wait,
             on_waiting=_warn,
+            on_starting=shown.starting,
             fmu=fmu,
             realtime=clock == "realtime",
         )

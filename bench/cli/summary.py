@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -17,12 +17,25 @@ PLAIN_STEPS = 10
 """Number of progress lines if there is no terminal for a bar."""
 
 
+class Following(NamedTuple):
+    """Shows the progress of a run.
+
+    Attributes:
+        at: takes the simulated time (s).
+        starting: takes a line about what is waited for before the run begins; on a terminal it replaces the one before,
+            elsewhere only the first one is shown.
+    """
+
+    at: Callable[[float], None]
+    starting: Callable[[str], None]
+
+
 @contextmanager
-def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]:
-    """Show the progress of a run on standard error; yield a function that takes the simulated time (s)."""
+def following(name: str, duration_s: float) -> Iterator[Following]:
+    """Show the progress of a run on standard error."""
     console = Terminal(stderr=True)
     if not console.is_terminal:
-        yield _plain(console, name, duration_s)
+        yield Following(_plain(console, name, duration_s), _once(console))
         return
     columns = (
         TextColumn("{task.description}"),
@@ -33,7 +46,22 @@ def following(name: str, duration_s: float) -> Iterator[Callable[[float], None]]
     )
     with progress(*columns) as bars:
         task = bars.add_task(name, total=duration_s)
-        yield lambda time_s: bars.update(task, completed=min(time_s, duration_s))
+        yield Following(
+            lambda time_s: bars.update(task, completed=min(time_s, duration_s), description=name),
+            lambda text: bars.update(task, description=f"{name}: {text}"),
+        )
+
+
+def _once(console: Terminal) -> Callable[[str], None]:
+    told = False
+
+    def tell(text: str) -> None:
+        nonlocal told
+        if not told:
+            told = True
+            console.print(f"platoon: {text}", soft_wrap=True)
+
+    return tell
 
 
 def _plain(console: Terminal, name: str, duration_s: float) -> Callable[[float], None]:

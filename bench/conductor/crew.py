@@ -20,7 +20,8 @@ from bench.bus.link.base import Link
 from bench.bus.topic import Topic
 from bench.conductor.fork_server import Child, Setup
 from bench.conductor.interrupts import Interrupts
-from bench.conductor.linux import enlarge_pipe, is_stopped
+from bench.conductor.linux import enlarge_pipe, is_stopped, processor_time
+from bench.conductor.patience import PERIOD_S, Patience, Say, listed
 from bench.errors import RunFailed
 from bench.events import EcuNote
 from bench.memory_file import memory_file
@@ -82,11 +83,11 @@ class Crew(Protocol):
     def pids(self) -> Mapping[str, int]:
         """Process numbers of the separate, live processes, by name."""
 
-    def wait_ready(self, timeout_s: float) -> None:
-        """Wait until all listen on their buses.
+    def wait_ready(self, timeout_s: float, say: Say | None = None) -> None:
+        """Wait until all listen on their buses; see `Patience` for `say`.
 
         Raises:
-            RunFailed: one of them ended, or is not ready after `timeout_s` s.
+            RunFailed: one of them ended, or there was no sign of progress for `timeout_s` s.
             Interrupted: a signal has come.
         """
 
@@ -233,13 +234,13 @@ class ProcessCrew:
         """See `Crew`."""
         return {name: p.pid for name, p in self._members() if p.pid is not None and p.code is None}
 
-    def wait_ready(self, timeout_s: float) -> None:
+    def wait_ready(self, timeout_s: float, say: Say | None = None) -> None:
         """See `Crew`."""
         # Frames are due only later, but whoever sends before must not fill the receive queues.
         for bus, link in self._links.items():
             self._register(link.fileno(), partial(self._take_frames, bus, link))
             self._listening.append(link)
-        self._await_ready(timeout_s)
+        self._await_ready(timeout_s, say)
 
     def attend(self, timeout_s: float) -> bool:
         """See `Crew`."""
@@ -290,14 +291,29 @@ class ProcessCrew:
             with suppress(ProcessLookupError):
                 os.kill(process.pid, number)
 
-    def _await_ready(self, timeout_s: float) -> None:
-        deadline = time.monotonic() + timeout_s
+    def _await_ready(self, timeout_s: float, say: Say | None = None) -> None:
+        patience = Patience(timeout_s, say)
         while waiting := [name for name, process in self._members() if not (process.ready or process.excused)]:
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise RunFailed(f"{', '.join(waiting)} not ready after {timeout_s:g} s{self._stopped(waiting)}")
-            self._select(left)
+            patience.look(listed(waiting), self._doing(waiting), self._progress)
+            self._select(PERIOD_S)
             self._check()
+
+    def _doing(self, waiting: Sequence[str]) -> str:
+        """Return what keeps processes from being ready, in words."""
+        if stopped := self._stopped(waiting):
+            return stopped.removeprefix("; ")
+        pids = {name: self._processes[name].pid for name in waiting}
+        if not all(pids.values()):
+            return f"importing the controllers, and compiling them if need be (process {self._fork_server.pid})"
+        numbers = ", ".join(str(pid) for pid in list(pids.values())[:4])
+        return f"setting up controllers and buses (process{'es' if len(pids) > 1 else ''} {numbers})"
+
+    def _progress(self) -> tuple[object, ...]:
+        """Return how far the processes are: those started and ready, what they have printed, their processor time."""
+        members = self._members()
+        seconds = sum(map(processor_time, [self._fork_server.pid, *self.pids.values()]))
+        said = sum(len(process.words) for process in self._processes.values())
+        return len(self.pids), sum(process.ready for _, process in members), said, int(seconds)
 
     def stop(self, grace_s: float) -> list[str]:
         """See `Crew`."""

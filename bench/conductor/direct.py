@@ -7,6 +7,7 @@ from bench.bus.node import Node
 from bench.bus.topic import Topic
 from bench.conductor.crew import Ended, Listener
 from bench.conductor.interrupts import Interrupts
+from bench.conductor.patience import Say
 from bench.errors import BenchError, EcuError
 
 Inputs = tuple[Topic, ...]
@@ -57,7 +58,7 @@ class DirectCrew:
         """See `Crew`."""
         return {}
 
-    def wait_ready(self, timeout_s: float) -> None:  # noqa: ARG002 - nodes in this process are ready at once
+    def wait_ready(self, timeout_s: float, say: Say | None = None) -> None:  # noqa: ARG002 - nodes in this process are ready at once
         """See `Crew`."""
         self._interrupts.check()
 

@@ -178,3 +178,14 @@ def _sleep_until(time_ns: int) -> None:
 def _prctl(request: int, argument: int | bytes) -> None:
     if sys.platform == "linux":
         _LIBC.prctl(request, argument, 0, 0, 0)
+
+
+def processor_time(pid: int) -> float:
+    """Return the processor time of a process in s; 0 if it has ended."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text()
+    except OSError:
+        return 0.0
+    # The name, in brackets, may contain spaces and brackets.
+    fields = stat.rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -33,6 +33,7 @@ class RunOptions:
         realtime: whether the wall clock paces the cycles; else they run as fast as the machine allows.
         on_progress: called periodically with the simulated time in s.
         on_waiting: called with a line of text before the run waits for ECUs.
+        on_starting: called every second with a line of text while it takes long to start, see `Patience`.
     """
 
     scenario: Scenario
@@ -48,6 +49,7 @@ class RunOptions:
     label: str = ""
     on_progress: Callable[[float], None] | None = None
     on_waiting: Callable[[str], None] | None = None
+    on_starting: Callable[[str], None] | None = None
 
     @property
     def vehicles(self) -> int:

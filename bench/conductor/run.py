@@ -40,7 +40,7 @@ if TYPE_CHECKING:  # it is imported while the processes start
     from bench.conductor.recorder import Recorder
 
 READY_S = 60.0
-"""Wall-clock time in s that the processes may take to start; ample for any working machine."""
+"""Wall-clock time in s without a sign of progress after which processes that are starting have failed."""
 
 GRACE_S = 1.0
 """Wall-clock time in s that processes have to stop before they are killed."""
@@ -265,7 +265,7 @@ def _wait(started: _Started) -> None:
         Interrupted: a signal has come.
     """
     options = started.options
-    started.crew.wait_ready(READY_S)
+    started.crew.wait_ready(READY_S, options.on_starting)
     if started.free and options.on_waiting is not None:
         there = "; ".join(described(slot, started.address) for slot in started.free)
         options.on_waiting(f"waiting for {there} (at most {options.without_wait_s:g} s) ...")
@@ -328,7 +328,8 @@ def _check_ecus(options: RunOptions) -> None:
     """
     if options.address.hub is None:
         slots = (EcuSlot(role, vehicle) for role in options.ecus for vehicle in range(1, options.vehicles + 1))
-        try_ecus(options.ecus, [slot for slot in slots if slot.name not in options.without], options.scenario)
+        own = [slot for slot in slots if slot.name not in options.without]
+        try_ecus(options.ecus, own, options.scenario, options.on_starting)
 
 
 def _built_fmu() -> Path:

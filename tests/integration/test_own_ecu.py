@@ -1,6 +1,7 @@
 """Runs with ECUs of one's own: the examples in Python, ECUs that are started by hand, the tracker in C on SocketCAN."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -321,3 +322,45 @@ class TestInC:
         assert EcuState.RUN in state(recorded, "veh1")
         # On a busy machine many a command comes late; some come in time.
         assert ActuatorState.ACTIVE in recorded.signal("veh1", "ActuatorStatus", "ActuatorState")[1]
+
+
+SLOW = """
+import time
+from bench.ecu import Command, TrackerBase
+{load}
+class Mine(TrackerBase):
+    def __init__(self, vehicle, scenario):
+        super().__init__(vehicle, scenario)
+        {create}
+    def control(self, motion, reference): return Command()
+"""
+
+
+@pytest.mark.parametrize(
+    ("load", "create", "said"),
+    [
+        (
+            "time.sleep(3)",
+            "",
+            r"waiting for ECU 'my_ecu.py:Mine' to start \(\d s\): it is being loaded and created once",
+        ),
+        (
+            "",
+            "import multiprocessing, os; os.getppid() == int(os.environ['RUN']) or time.sleep(3)",
+            r"waiting for (plant, )?veh1\.planner.* to start \(\d s\): |"
+            r"waiting for (.*, )?veh[123]\.tracker(, veh.\.tracker)* to start \(\d s\): ",
+        ),
+    ],
+    ids=["loading", "starting"],
+)
+def test_a_slow_start_says_what_is_waited_for(begin: Start, tmp_path: Path, load: str, create: str, said: str) -> None:
+    (tmp_path / "my_ecu.py").write_text(SLOW.format(load=load, create=create))
+    command = f"import os; os.environ['RUN'] = str(os.getpid()); {PLATOON_HERE[-1]}"
+    settings = ["--set", "duration_s=0.05", "--no-report", "--can", "udp", "--out", "o.mcap"]
+    run = begin(*PLATOON_HERE[:-1], command, "run", *settings, "--ecu=tracker=my_ecu.py:Mine", cwd=tmp_path)
+    _, errors = run.communicate(timeout=GUARD_S)
+    lines = [line for line in errors.splitlines() if line.startswith("platoon: waiting for ")]
+    # Without a terminal, one line.
+    assert len(lines) == 1, errors
+    assert re.search(said, lines[0]), lines
+    assert "o.mcap" not in errors
