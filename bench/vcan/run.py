@@ -7,12 +7,14 @@ import shutil
 import signal
 import sys
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import IO
 
 from bench.bus.link.kernel_links import check_links, lack_of_can, make_links
+from bench.conductor.patience import SAY_S
 from bench.errors import BadInput, BenchError, RunFailed
 from bench.vcan import wire
 from bench.vcan.guest import LINKS
@@ -122,9 +124,9 @@ class Session:
         with self._selector as selector:
             selector.register(self._arrived, selectors.EVENT_READ, self._forward)
             selector.register(machine.answers, selectors.EVENT_READ, lambda: self._hear(launch))
+            self._await_start()
             while machine.answers in selector.get_map():
-                for key, _ in selector.select():
-                    key.data()
+                self._attend(None)
         # The machine has ended, and with it all that it could send.
         written = [outlet.finish() for outlet in outlets]
         machine.wait()
@@ -134,6 +136,22 @@ class Session:
         if sent != written:
             raise RunFailed(f"vcan: the command wrote {sent} bytes of output and errors, but {written} came")
         return status
+
+    def _await_start(self) -> None:
+        """Attend until the command runs or the machine has ended; say so on a terminal if that takes long.
+
+        Only there, since standard error is the command's.
+        """
+        say_at = time.monotonic() + SAY_S if os.isatty(_ERR) else None
+        while not self._runs and self._machine.answers in self._selector.get_map():
+            if say_at is not None and time.monotonic() >= say_at:
+                wire.write_all(_ERR, b"waiting for a kernel with CAN (user-mode Linux) to start ...\n")
+                say_at = None
+            self._attend(None if say_at is None else max(0.0, say_at - time.monotonic()))
+
+    def _attend(self, limit_s: float | None) -> None:
+        for key, _ in self._selector.select(limit_s):
+            key.data()
 
     def _hear(self, launch: Launch) -> None:
         message = wire.read(self._machine.answers)

@@ -46,6 +46,15 @@ def kernel_of(process: subprocess.Popen[bytes]) -> int:
     raise AssertionError("there is no kernel")
 
 
+def started_kernel(process: subprocess.Popen[bytes]) -> int:
+    """The same, as soon as there is one."""
+    while process.poll() is None:
+        with suppress(AssertionError):
+            return kernel_of(process)
+        time.sleep(0.01)
+    raise AssertionError("the command ended without a kernel")
+
+
 def assert_gone(group: int) -> None:
     """Nothing of a kernel is left, or will be soon."""
     end = time.monotonic() + 60.0
@@ -73,6 +82,19 @@ def test_streams_status_directory_and_environment_are_the_callers(tmp_path: Path
     assert done.stdout == bytes(range(256)) * 40_000 + b"and the end\r\n\x00"
     assert done.stderr.decode() == f"{tmp_path} {ROOT}"
     assert (tmp_path / "made").read_text() == "here"
+
+
+def test_a_person_at_a_terminal_is_told_that_the_kernel_takes_long(tmp_path: Path) -> None:
+    ours, terminal = os.openpty()
+    command = [*PLATOON, "echo", "it runs"]
+    with subprocess.Popen(command, cwd=tmp_path, env=environment(), stderr=terminal, stdout=subprocess.PIPE) as process:
+        os.close(terminal)
+        kernel = started_kernel(process)
+        os.killpg(kernel, signal.SIGSTOP)
+        assert b"waiting for a kernel with CAN" in os.read(ours, 4096)
+        os.killpg(kernel, signal.SIGCONT)
+        assert process.communicate(timeout=LIMIT_S)[0] == b"it runs\n"
+    os.close(ours)
 
 
 def test_a_command_that_a_signal_ends_has_the_shells_status(tmp_path: Path) -> None:
