@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +12,8 @@ from urllib.parse import urlsplit
 from bench.errors import BadInput
 
 DEFAULT = "127.0.0.1:0"
+
+_AUTHORITY = re.compile(r"(?:\[(?P<address>[0-9a-f:.%]+)\]|(?P<name>[^][:@/]+))(?::[0-9]*)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -72,10 +75,9 @@ class LiveAddress:
 
 
 def _host_of(authority: str) -> str:
-    """Return the host of HOST, HOST:PORT or [ADDRESS]:PORT."""
-    if authority.startswith("["):
-        return authority[1:].partition("]")[0].lower()
-    return authority.partition(":")[0].lower()
+    """Return the host of HOST, HOST:PORT or [ADDRESS]:PORT, without a dot at its end; empty if it is none of them."""
+    found = _AUTHORITY.fullmatch(authority.lower())
+    return (found["address"] or found["name"]).removesuffix(".") if found else ""
 
 
 def _origin(text: str) -> str:

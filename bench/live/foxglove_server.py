@@ -230,14 +230,14 @@ class FoxgloveServer:
         async for request in connection:
             try:
                 self._take(viewer, request)
-            except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
+            except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError):
                 viewer.tell({"op": "status", "level": 2, "message": "a request that cannot be understood"})
 
     def _take(self, viewer: _Viewer, request: str | bytes) -> None:
         """Take a viewer's request.
 
         Raises:
-            ValueError, TypeError, KeyError, AttributeError, RecursionError: it is none of the protocol.
+            ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError: it is none of the protocol.
         """
         asked = json.loads(request)
         if asked["op"] == "subscribe":

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Awaitable, Callable
-from urllib.parse import urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, serve
 from websockets.datastructures import Headers
@@ -90,7 +89,7 @@ class PageServer:
         refusal = self.door.refusal(request.headers)
         if refusal is not None:
             return connection.respond(403, refusal)
-        path = urlsplit(request.path).path
+        path = request.path.partition("?")[0]
         if path == "/":
             page = await self._page()
             self._opening_until = time.monotonic() + OPENING_S

@@ -157,7 +157,19 @@ def test_foxglove_and_lichtblick_agree_on_a_protocol(protocol: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "request_", ["[" * 100_000, "{}", "1", '{"op": "subscribe", "subscriptions": 3}', b"\x00", "\u00e9"]
+    "request_",
+    [
+        "[" * 100_000,
+        "{}",
+        "1",
+        '{"op": "subscribe", "subscriptions": 3}',
+        '{"op": "subscribe", "subscriptions": [{"channelId": 1e999, "id": 1}]}',
+        '{"op": "subscribe", "subscriptions": [{"channelId": NaN, "id": 1}]}',
+        f'{{"op": "subscribe", "subscriptions": [{{"channelId": {"9" * 5000}, "id": 1}}]}}',
+        '{"op": "unsubscribe", "subscriptionIds": [Infinity]}',
+        b"\x00",
+        "\u00e9",
+    ],
 )
 def test_a_request_that_is_none_is_answered_and_harms_nobody(whole_log: Path, request_: str | bytes) -> None:
     async def check() -> None:

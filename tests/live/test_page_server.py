@@ -1,11 +1,10 @@
 """The page's server: who is let in, and what becomes of viewers that come late, leave or do not read."""
 
 import asyncio
+import http.client
 import json
-import urllib.error
-import urllib.request
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 
 import pytest
 from websockets.asyncio.client import connect
@@ -43,13 +42,11 @@ def in_server(feed_check: Callable[[Feed, PageServer, int], Awaitable[None]]) ->
     asyncio.run(run())
 
 
-def get(url: str, host: str) -> tuple[int, str]:
-    request = urllib.request.Request(url, headers={"Host": host})
-    try:
-        with urllib.request.urlopen(request, timeout=10.0) as answer:
-            return answer.status, answer.read().decode()
-    except urllib.error.HTTPError as error:
-        return error.code, error.read().decode()
+def get(port: int, path: str, host: str) -> tuple[int, str]:
+    with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=10.0)) as connection:
+        connection.request("GET", path, headers={"Host": host})
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode()
 
 
 @pytest.mark.parametrize(
@@ -61,14 +58,21 @@ def get(url: str, host: str) -> tuple[int, str]:
         ("/", "evil.example:{}", 403),
         ("/", "127.0.0.1.evil.example:{}", 403),
         ("/", "", 403),
+        ("/", "localhost.:{}", 200),
+        ("/", "evil.example.:{}", 403),
+        ("/", "[::1]evil.example:{}", 403),
+        ("/", "127.0.0.1@evil.example:{}", 403),
+        ("/", "127.0.0.1:evil.example:{}", 403),
+        ("/", "[::1", 403),
         ("/etc/passwd", "127.0.0.1:{}", 404),
+        ("//[", "127.0.0.1:{}", 404),
+        ("http://[", "127.0.0.1:{}", 404),
         ("/../../etc/passwd", "127.0.0.1:{}", 404),
     ],
 )
 def test_there_is_one_page_for_who_calls_this_machine_by_its_name(path: str, host: str, status: int) -> None:
     async def check(_feed: Feed, _server: PageServer, port: int) -> None:
-        url = f"http://127.0.0.1:{port}{path}"
-        answer, body = await asyncio.to_thread(get, url, host.format(port))
+        answer, body = await asyncio.to_thread(get, port, path, host.format(port))
         assert answer == status
         assert (body == "<p>page</p>") == (status == 200)
 
