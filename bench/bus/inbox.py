@@ -10,7 +10,8 @@ as its deadline allows.
 
 Anybody can send anything. A frame that is not whole is refused. A BenchSync is also refused if its cycle does not
 follow, and an announcement if it is not about a cycle under way; so neither moves a node out of its cycle, and what is
-kept is bounded. An input with a good CRC is believed: the profile has no secret, so it protects against accidents only.
+kept is bounded. Nodes that the bench has started also ask its `FaultBoard` whether a BenchSync is the bench's own. An
+input with a good CRC is believed: the profile has no secret, so it protects against accidents only.
 """
 
 import math
@@ -309,6 +310,8 @@ class Inbox:
 
     def _take_sync(self, bus: _Bus, data: bytes) -> None:
         sync = read_sync(bus.codec, data)
+        if sync is not None and not self._is_own(sync):
+            sync = None
         if sync is not None and self.settled and sync.stops_after(self._newest(bus), realtime=self.realtime):
             self.stopped = True
         elif sync is not None and self._follows(bus, sync):
@@ -318,6 +321,12 @@ class Inbox:
             self._put(bus.slots[bus.sync_id], sync.cycle, None)
         else:
             bus.errors += 1
+
+    def _is_own(self, sync: Sync) -> bool:
+        """Return whether this bench can have sent a BenchSync; an ECU that was started by hand cannot know."""
+        if sync.command is BenchCommand.STOP:
+            return self._plan.has_stopped
+        return self._plan.has_opened(sync.cycle, realtime=sync.realtime)
 
     def _newest(self, bus: _Bus) -> int:
         """The newest cycle on a bus; before its own first BenchSync, that on any bus."""
@@ -346,7 +355,7 @@ class Inbox:
             return
         values = bus.codec.decode(bus.absent_id, data)[1]
         identifier, cycle = int(values["Identifier"]), int(values["Cycle"])
-        if cycle > self._newest(bus) + 1:
+        if cycle > self._newest(bus) + 1 or not self._plan.has_opened(cycle, realtime=False):
             bus.errors += 1
             return
         if identifier in bus.own and cycle >= self.cycle:

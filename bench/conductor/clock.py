@@ -19,6 +19,7 @@ from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.conductor.linux import set_real_time, wait_until
 from bench.cycle import CYCLE_NS, time_of
+from bench.faults.plan import FaultPlan
 from bench.names import V2V
 
 CLOCK = "clock"
@@ -40,6 +41,7 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
         RunFailed: a bus went down.
     """
     codecs = load_codecs(vehicles)
+    plan = FaultPlan(board=channel.fault_board())
     with ExitStack() as stack:
         links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
         # The conductor sends STOP on all buses.
@@ -52,11 +54,12 @@ def serve_clock(channel: ControlChannel, vehicles: int, cycles: int, address: Ad
         for cycle in range(cycles):
             frames = _frames(codecs, cycle)
             wait_until(start + cycle * CYCLE_NS)
+            plan.open_cycle(cycle, realtime=True)
             for bus, (can_id, data) in frames.items():
                 links[bus].send(can_id, data)
-            if _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], cycle, 0.0):
+            if _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], plan, cycle, 0.0):
                 return
-        while not _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], cycles - 1, None):
+        while not _told_to_stop(channel.lifeline, links[V2V], codecs[V2V], plan, cycles - 1, None):
             pass
 
 
@@ -66,9 +69,12 @@ def _frames(codecs: Mapping[str, Codec], cycle: int) -> dict[str, CanFrame]:
     return {bus: codec.encode(BENCH_SYNC, values, cycle) for bus, codec in codecs.items()}
 
 
-def _told_to_stop(lifeline: int, link: Link, codec: Codec, newest: int, timeout_s: float | None) -> bool:
+def _told_to_stop(
+    lifeline: int, link: Link, codec: Codec, plan: FaultPlan, newest: int, timeout_s: float | None
+) -> bool:
     """Whether the conductor has sent STOP after the cycle `newest`, or has ended; any other frame is ignored."""
     sync_id = codec.can_id(BENCH_SYNC)
     readable, _, _ = select.select([lifeline, link.fileno()], [], [], timeout_s)
     syncs = (read_sync(codec, data) for can_id, data in link.receive() if can_id == sync_id)
-    return lifeline in readable or any(sync is not None and sync.stops_after(newest, realtime=True) for sync in syncs)
+    told = any(sync is not None and sync.stops_after(newest, realtime=True) for sync in syncs)
+    return lifeline in readable or (told and plan.has_stopped)

@@ -140,6 +140,10 @@ class Conductor(ABC):
 
     def _sync(self, command: BenchCommand, cycle: int) -> list[BusFrame]:
         """Send the BenchSync of a cycle on all buses; return the frames, for the log."""
+        if command is BenchCommand.STOP:
+            self._desk.plan.stop()
+        else:
+            self._desk.plan.open_cycle(cycle, realtime=False)
         values = {"Command": command, "Cycle": cycle, "Time": time_of(cycle)}
         return [self._send(bus, BENCH_SYNC, values, cycle) for bus in self._links]
 

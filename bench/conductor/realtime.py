@@ -212,18 +212,26 @@ class Realtime(Conductor):
         if sync is None or not sync.realtime or not self._has_clock:
             return None
         number = sync.cycle
+        if not self._desk.plan.has_opened(number, realtime=True):
+            return None
         # The clock begins with 0, and is never early; some may have been lost.
         latest = (received - self._first_ns) // CYCLE_NS + EARLY_CYCLES if self.cycle >= 0 else 0
-        if not self._newest[bus] < number <= max(latest, self._newest[bus] + 1):
+        if number > max(latest, self._newest[bus] + 1) or not self._lacks_sync(number, bus):
             return None
         if self.cycle < 0:
             self._first_ns = received
         if number > self.cycle:
             self.cycle = number
             self._refusals.begin_cycle()
-        self._newest[bus] = number
+        self._newest[bus] = max(self._newest[bus], number)
         self._open[number].begun[bus] = received
         return number
+
+    def _lacks_sync(self, number: int, bus: str) -> bool:
+        """Return whether a cycle is open and has no BenchSync on a bus yet; a stranger's may come before it."""
+        if number in self._open:
+            return bus not in self._open[number].begun
+        return number > self._newest[bus] - SETTLE_CYCLES
 
     def _due_in(self, bus: str, frame: CanFrame, received: int) -> int | None:
         """Return the number of the cycle in which a frame is due, and note its sender; else refuse it."""

@@ -1,7 +1,8 @@
 """The faults of a run for a node: those active in a cycle, and their random numbers.
 
 All processes of a bench have the same plan and make the same decisions, because random numbers follow from the
-scenario's seed, the fault and the frame. Faults injected into a running bench reach all of them over a `FaultBoard`.
+scenario's seed, the fault and the frame. Faults injected into a running bench reach all of them over a `FaultBoard`,
+which also says which BenchSync are the bench's own.
 """
 
 import json
@@ -23,6 +24,10 @@ Faults = tuple[tuple[int, Fault], ...]
 
 _FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 _HEAD = struct.Struct("<II")
+_CYCLES, _REALTIME, _STOPPED = 2, 3, 4
+"""Words of the board, after those of `_HEAD`: cycles opened so far, whether in real time, whether told to stop."""
+
+_FAULTS_AT = 20
 BOARD_BYTES = 256 * 1024
 
 
@@ -30,12 +35,15 @@ class FaultBoard:
     """A page of shared memory to which the conductor writes faults and which all processes of a bench read.
 
     The conductor writes a fault before it sends the BenchSync of the cycle in which it begins, so that no process
-    misses it.
+    misses it. Whoever sends BenchSync first notes it here: a bus does not say whose a frame is, and anybody could open
+    a cycle or end the run.
     """
 
     def __init__(self, descriptor: int) -> None:
         """Map the file `descriptor`, of `BOARD_BYTES` bytes."""
         self._memory = mmap.mmap(descriptor, BOARD_BYTES)
+        # Written and read as whole words: another process never sees half a number.
+        self._words = memoryview(self._memory).cast("I")
 
     @staticmethod
     def create() -> int:
@@ -55,17 +63,35 @@ class FaultBoard:
         """
         count, used = _HEAD.unpack_from(self._memory)
         line = json.dumps(fault.model_dump(mode="json")).encode() + b"\n"
-        if _HEAD.size + used + len(line) > BOARD_BYTES:
+        if _FAULTS_AT + used + len(line) > BOARD_BYTES:
             raise ValueError("no room for another fault in this run")
-        start = _HEAD.size + used
+        start = _FAULTS_AT + used
         self._memory[start : start + len(line)] = line
         _HEAD.pack_into(self._memory, 0, count + 1, used + len(line))
 
     def read(self) -> list[Fault]:
         """Return all faults on the board, in the order they were posted."""
         count, used = _HEAD.unpack_from(self._memory)
-        lines = bytes(self._memory[_HEAD.size : _HEAD.size + used]).splitlines()
+        lines = bytes(self._memory[_FAULTS_AT : _FAULTS_AT + used]).splitlines()
         return [_FAULTS.validate_json(line) for line in lines[:count]]
+
+    def open_cycle(self, cycle: int, *, realtime: bool) -> None:
+        """Note that the BenchSync of a cycle follows."""
+        self._words[_REALTIME] = realtime
+        self._words[_CYCLES] = cycle + 1
+
+    def stop(self) -> None:
+        """Note that STOP follows."""
+        self._words[_STOPPED] = 1
+
+    def has_opened(self, cycle: int, *, realtime: bool) -> bool:
+        """Whether the BenchSync of a cycle has been sent, or is about to be."""
+        return cycle < self._words[_CYCLES] and realtime == bool(self._words[_REALTIME])
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether STOP has been sent, or is about to be."""
+        return bool(self._words[_STOPPED])
 
 
 class FaultPlan:
@@ -93,6 +119,25 @@ class FaultPlan:
         if self._board is not None and self._board.count != self._posted:
             self._posted = self._board.count
             self._set((*self._planned, *self._board.read()))
+
+    def open_cycle(self, cycle: int, *, realtime: bool) -> None:
+        """See `FaultBoard`."""
+        if self._board is not None:
+            self._board.open_cycle(cycle, realtime=realtime)
+
+    def stop(self) -> None:
+        """See `FaultBoard`."""
+        if self._board is not None:
+            self._board.stop()
+
+    def has_opened(self, cycle: int, *, realtime: bool) -> bool:
+        """Whether a cycle's BenchSync can be the bench's own; without a board, as in an ECU run by hand, any can."""
+        return self._board is None or self._board.has_opened(cycle, realtime=realtime)
+
+    @property
+    def has_stopped(self) -> bool:
+        """Whether a STOP can be the bench's own."""
+        return self._board is None or self._board.has_stopped
 
     def _at(self, cycle: int) -> Faults:
         return tuple(

@@ -16,7 +16,7 @@ from bench.bus.topic import Signals, Topic
 from bench.errors import BadInput
 from bench.faults.base import Fault
 from bench.faults.nodes import BusOff, V2VOutage
-from bench.faults.plan import FaultPlan
+from bench.faults.plan import FaultBoard, FaultPlan
 
 MOTION = Topic("veh1", "VehicleMotion")
 PEER = Topic("v2v", "V2VPosition_2")
@@ -31,7 +31,13 @@ TIMEOUT = CODECS["veh1"].timeout_cycles("VehicleMotion")
 class Rig:
     """An inbox on both buses of veh1, and the other ends; `now` is its clock (s)."""
 
-    def __init__(self, *topics: Topic, own: tuple[Topic, ...] = (), faults: tuple[Fault, ...] = ()) -> None:
+    def __init__(
+        self,
+        *topics: Topic,
+        own: tuple[Topic, ...] = (),
+        faults: tuple[Fault, ...] = (),
+        board: FaultBoard | None = None,
+    ) -> None:
         address = Address.parse("direct")
         self.far = {bus: open_link(bus, address) for bus in BUSES}
         near = {bus: open_link(bus, address) for bus in BUSES}
@@ -42,7 +48,7 @@ class Rig:
             topics or (MOTION,),
             name="veh1.planner",
             own=own,
-            plan=FaultPlan(faults),
+            plan=FaultPlan(faults, board=board),
             clock=lambda: self.now,
         )
 
@@ -789,3 +795,46 @@ def test_a_node_that_is_off_a_bus_gets_nothing_from_it_while_that_lasts(
         rig.peer(cycle + 1, x=1.0)
     assert [inputs[MOTION] is None for inputs in got] == [False, motion_lost, False]
     assert [inputs[PEER] is None for inputs in got[1:]] == [peer_lost, False]
+
+
+def test_only_a_benchsync_that_the_bench_has_sent_opens_a_cycle_or_ends_the_run() -> None:
+    """However whole and consistent it is: another bench on the bus, a log that is replayed, or whoever makes it up."""
+    board = FaultBoard(FaultBoard.create())
+    rig = Rig(board=board)
+    rig.sync(0)
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
+    rig.sync(1)
+    assert rig.drained().opened == -1
+    assert rig.inbox.cycle == 0
+    board.open_cycle(0, realtime=False)
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
+    rig.sync(1)
+    assert rig.drained().opened == -1
+    rig.sync(0)
+    assert rig.drained().opened == 0
+    rig.sync(1)
+    rig.sync(1, command=BenchCommand.STOP)
+    assert rig.drained().opened == 0
+    assert not rig.inbox.stopped
+    board.open_cycle(1, realtime=False)
+    rig.sync(1)
+    assert rig.drained().opened == 1
+    board.stop()
+    rig.sync(2, command=BenchCommand.STOP)
+    assert rig.drained().stopped
+
+
+def test_no_absence_is_announced_of_a_cycle_that_the_bench_has_not_opened() -> None:
+    """The conductor would refuse the announcement, and wait for the frame of a node that believes it."""
+    board = FaultBoard(FaultBoard.create())
+    rig = Rig(board=board, own=(MOTION,))
+    board.open_cycle(0, realtime=False)
+    rig.sync(0)
+    rig.absent(0, "VehicleMotion")
+    rig.absent(1, "VehicleMotion")
+    assert rig.drained().excused
+    rig.inbox.skip()
+    assert not rig.inbox.excused
+    board.open_cycle(1, realtime=False)
+    rig.absent(1, "VehicleMotion")
+    assert rig.drained().excused

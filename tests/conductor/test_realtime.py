@@ -158,6 +158,8 @@ def conduct(tmp_path: Path) -> Iterator[Conduct]:
     def go(parts: Sequence[Sequence[Frame]], cycles: int, *, silence_s: float = 60.0, go_on: bool = False) -> Conducted:
         hub = Hub()
         links = {bus: DirectLink(bus, hub) for bus in BUSES}
+        # As the clock would.
+        FaultBoard(board).open_cycle(10**6, realtime=True)
         desk = FaultDesk(FaultPlan(board=FaultBoard(board)), FaultBoard(board), 1, tmp_path / "run.mcap")
         conductor = Realtime(Means(links, CODECS, 1, silence_s, desk, FreeSlots([], CODECS, 1), go_on))
         crew = ScriptedCrew(links, parts)
@@ -267,6 +269,18 @@ def test_a_bench_sync_that_is_not_the_clocks_begins_no_cycle(
     assert found.conductor.misses == dict.fromkeys(NODES, 0)
     assert [total.counts for total in found.conductor.refused] == [{Refusal.IMPLAUSIBLE: 1}] * 2
     assert found.log.frame_table("veh1")["time"].max() == 6 * CYCLE_NS
+
+
+def test_a_bench_sync_read_before_that_of_the_cycle_before_loses_neither(conduct: Conduct) -> None:
+    """A stranger's, as consistent as the clock's, which the conductor reads when the clock has sent both."""
+    parts = [cycle_in_time(cycle) for cycle in range(6)]
+    parts[3] = [*sync(4, START_NS + 3 * CYCLE_NS - MS), *parts[3]]
+    found = conduct(parts, 6)
+    for bus in BUSES:
+        table = found.log.frame_table(bus)
+        rows = table[table["can_id"] == CODECS[bus].can_id(BENCH_SYNC)]
+        assert {*range(6)} <= {*(rows["time"] // CYCLE_NS).tolist()}
+    assert [total.counts for total in found.conductor.refused] == [{Refusal.IMPLAUSIBLE: 1}] * 2
 
 
 @pytest.mark.parametrize("length", range(8))

@@ -31,3 +31,28 @@ def test_a_full_board_says_so() -> None:
     with pytest.raises(ValueError, match="no room"):
         fill()
     assert len(board.read()) == board.count > 1000
+
+
+def test_the_board_says_which_cycles_the_bench_has_opened_and_whether_it_has_stopped() -> None:
+    descriptor = FaultBoard.create()
+    board, plan = FaultPlan(board=FaultBoard(descriptor)), FaultPlan(board=FaultBoard(descriptor))
+    assert not plan.has_opened(0, realtime=False)
+    board.open_cycle(0x1FF, realtime=True)
+    assert plan.has_opened(0x1FF, realtime=True)
+    assert not plan.has_opened(0x200, realtime=True)
+    assert not plan.has_opened(0, realtime=False)
+    assert not plan.has_stopped
+    board.stop()
+    assert plan.has_stopped
+    FaultBoard(descriptor).post(IcePatch(at_s=1.0))
+    plan.refresh()
+    assert [fault.at_s for fault in plan.faults] == [1.0]
+    assert plan.has_opened(0x1FF, realtime=True)
+
+
+def test_without_a_board_any_cycle_can_be_the_benchs_own() -> None:
+    plan = FaultPlan()
+    plan.open_cycle(0, realtime=False)
+    plan.stop()
+    assert plan.has_opened(7, realtime=True)
+    assert plan.has_stopped

@@ -95,6 +95,8 @@ def believed(codec: Codec, dice: random.Random, due: set[str]) -> list[can.Messa
     for _ in range(30):
         values = {"Identifier": codec.can_id(dice.choice(sorted(due))), "Cycle": dice.randrange(100)}
         found.append(message(*codec.encode("BenchAbsent", values, dice.randrange(15))))
+    # As of another bench on the same buses, or of the replay of a log, which begins before this bench does.
+    found += [sync(codec, command, cycle) for command in (0, 1, 2) for cycle in (0, 0, 1, 2, *range(3, 110, 3))]
     return found
 
 
