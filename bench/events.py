@@ -14,6 +14,7 @@ from dataclasses import fields as fields_of
 from enum import StrEnum
 from typing import Any, ClassVar, Literal, Protocol
 
+from bench.counts import counted
 from bench.names import ACTUATORS, CONDUCTOR, vehicle_of
 
 Level = Literal["debug", "info", "warning", "error", "fatal"]
@@ -79,9 +80,10 @@ class _OfFault(_Kind):
     fault: str
     parameters: Mapping[str, Any]
 
-    def _named(self) -> str:
-        parameters = ", ".join(f"{name} {value}" for name, value in self.parameters.items())
-        return f"{self.fault}: {parameters}" if parameters else self.fault
+    def _sentence(self, verb: str, *more: str) -> str:
+        """`v2v_outage begins: vehicle 3, until 4.5 s`."""
+        said = [*(f"{name} {value}" for name, value in self.parameters.items()), *more]
+        return f"{self.fault} {verb}" + (f": {', '.join(said)}" if said else "")
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ class FaultBegins(_OfFault):
     def text(self) -> str:
         """See `Event`."""
         until = "the end" if self.until_s is None else f"{self.until_s:g} s"
-        return f"{self._named()} begins, until {until}"
+        return self._sentence("begins", f"until {until}")
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ class FaultEnds(_OfFault):
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"{self._named()} ends"
+        return self._sentence("ends")
 
 
 @dataclass(frozen=True)
@@ -336,7 +338,7 @@ class ReceptionErrors(_Kind):
 
 
 class Refusal(StrEnum):
-    """Why the conductor refuses a frame; each value completes a sentence about it in `REFUSAL_TEXTS`."""
+    """Why the conductor refuses a frame; `REFUSAL_TEXTS` completes a sentence about it."""
 
     NOT_DUE = "not_due"
     """Whole, but not due in the cycle it came in, or it came twice."""
@@ -360,12 +362,25 @@ REFUSAL_TEXTS: Mapping[str, str] = {
     Refusal.UNKNOWN: "of an identifier that the bus does not have",
     Refusal.LENGTH: "of a wrong length",
     Refusal.DAMAGED: "with a wrong CRC or alive counter",
-    Refusal.IMPLAUSIBLE: "BenchSync of a cycle that does not follow",
-    Refusal.REMOTE: "remote frame",
-    Refusal.ERROR: "error frame",
-    Refusal.FD: "CAN FD frame",
+    Refusal.IMPLAUSIBLE: "a BenchSync of a cycle that does not follow",
+    Refusal.REMOTE: "a remote frame",
+    Refusal.ERROR: "an error frame",
+    Refusal.FD: "a CAN FD frame",
     Refusal.MALFORMED: "not a CAN frame",
 }
+
+_REFUSAL_COUNTS: Mapping[str, tuple[str, str]] = {
+    Refusal.NOT_DUE: ("not due in its cycle, or sent twice", "not due in their cycle, or sent twice"),
+    Refusal.UNKNOWN: (REFUSAL_TEXTS[Refusal.UNKNOWN], "of identifiers that the bus does not have"),
+    Refusal.LENGTH: (REFUSAL_TEXTS[Refusal.LENGTH], REFUSAL_TEXTS[Refusal.LENGTH]),
+    Refusal.DAMAGED: (REFUSAL_TEXTS[Refusal.DAMAGED], REFUSAL_TEXTS[Refusal.DAMAGED]),
+    Refusal.IMPLAUSIBLE: ("BenchSync of a cycle that does not follow", "BenchSync of cycles that do not follow"),
+    Refusal.REMOTE: ("remote frame", "remote frames"),
+    Refusal.ERROR: ("error frame", "error frames"),
+    Refusal.FD: ("CAN FD frame", "CAN FD frames"),
+    Refusal.MALFORMED: ("that is not a CAN frame", "that are not CAN frames"),
+}
+"""What follows a number of one, and of more, in a list of refused frames."""
 
 
 @dataclass(frozen=True)
@@ -417,13 +432,15 @@ class FramesRefused(_Kind):
 
     @property
     def kinds(self) -> str:
-        """The counts as text."""
-        return ", ".join(f"{count} {REFUSAL_TEXTS.get(why, why)}" for why, count in self.counts.items())
+        """The counts as text: `28,771 CAN FD frames, 1 of a wrong length`."""
+        return ", ".join(counted(count, *_REFUSAL_COUNTS.get(why, (why, why))) for why, count in self.counts.items())
 
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"{sum(self.counts.values())} frames on {self.bus} were refused in the run: {self.kinds}"
+        number = sum(self.counts.values())
+        were = "was" if number == 1 else "were"
+        return f"{counted(number, 'frame')} on {self.bus} {were} refused in the run: {self.kinds}"
 
 
 @dataclass(frozen=True)
@@ -444,7 +461,9 @@ class FramesLost(_Kind):
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"{self.frames_lost} frames on {self.bus} came faster than they could be read, and are not in the log"
+        they, are = ("it", "is") if self.frames_lost == 1 else ("they", "are")
+        lost = counted(self.frames_lost, "frame")
+        return f"{lost} on {self.bus} came faster than {they} could be read, and {are} not in the log"
 
 
 @dataclass(frozen=True)
@@ -505,7 +524,7 @@ class DeadlineMet(_Kind):
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"in time again after {self.missed} missed deadlines"
+        return f"in time again after {counted(self.missed, 'missed deadline')}"
 
 
 @dataclass(frozen=True)

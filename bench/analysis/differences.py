@@ -11,6 +11,7 @@ import numpy as np
 from bench.analysis.figure import Curve, Figure
 from bench.analysis.motion import Array
 from bench.analysis.series import MAX_POINTS, Pool, short
+from bench.counts import counted
 from bench.record import Run
 from bench.record.compare import SignalDifference
 from bench.record.drawing import colour
@@ -34,7 +35,8 @@ def figures_of(signals: Sequence[SignalDifference], a: Run, b: Run) -> tuple[lis
     for signal in signals[:MAX_SIGNALS]:
         of_a, of_b = (_values(run, signal) for run in (a, b))
         curves = [_curve(pool, signal, letter, *of) for letter, of in (("A", of_a), ("B", of_b))]
-        caption = f"First at {signal.first_s:.3f} s; {signal.count} values differ, {signal.at_most}."
+        values = f"{counted(signal.count, 'value')} differ{'s' if signal.count == 1 else ''}"
+        caption = f"First at {signal.first_s:.3f} s; {values}, {signal.at_most}."
         if signal is signals[0] and len(signals) > MAX_SIGNALS:
             caption += f" {len(signals)} signals differ; the first {MAX_SIGNALS} are drawn, "
             caption += "platoon diff lists all."

@@ -4,9 +4,13 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
+from pydantic.fields import FieldInfo
+
 from bench.errors import BadInput
 from bench.faults.kinds import kinds
 from bench.scenario.errors import closest
+
+_OF_ALL = ("kind", "at_s", "for_s")
 
 
 def parse(kind: str, keys: Sequence[str]) -> dict[str, Any]:
@@ -37,15 +41,17 @@ def _value(text: str) -> Any:
         return text
 
 
+def _shown(key: str, field: FieldInfo) -> str:
+    if field.is_required():
+        return key
+    return f"[{key}]" if field.default is None else f"{key}={field.default}"
+
+
 def describe_kinds() -> str:
     """Return every kind of fault with its keys and what it does, a paragraph each."""
     lines = []
     for kind, model in kinds().items():
-        keys = [
-            f"{name}{'' if field.is_required() else f'={field.default}'}"
-            for name, field in model.model_fields.items()
-            if name not in ("kind", "at_s", "for_s")
-        ]
+        keys = [_shown(name, field) for name, field in model.model_fields.items() if name not in _OF_ALL]
         summary = (model.__doc__ or "").partition("\n")[0]
         lines.append(f"{kind:16}  {summary}\n{'':16}  {' '.join(keys)}\n")
-    return "".join(lines) + f"{'all':16}  at_s (now), for_s (to the end)\n"
+    return "".join(lines) + f"{'all':16}  [at_s] now if not given, [for_s] to the end of the run\n"

@@ -204,7 +204,7 @@ def import_(
     for given in bus or []:
         channel, _, name = given.partition("=")
         if not (channel and name):
-            raise BadInput(f"--bus {given}: want CHANNEL=BUS, for example 1=veh1")
+            raise BadInput(f"--bus {given}: write CHANNEL=BUS, for example 1=veh1")
         buses[channel] = name
     chosen = _format(kind, None) if kind else None
     done = import_logs(files, out, kind=chosen, buses=buses, dbc=dbc or (), command_line=["platoon", *sys.argv[1:]])

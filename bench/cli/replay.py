@@ -95,7 +95,7 @@ def _factor(text: str) -> float:
     except ValueError:
         factor = math.nan
     if text != "max" and not (math.isfinite(factor) and 0.001 <= factor <= 1000.0):
-        raise BadInput(f"--speed {text}: want a number from 0.001 to 1000, or max")
+        raise BadInput(f"--speed {text}: give a number from 0.001 to 1000, or max")
     return factor
 
 

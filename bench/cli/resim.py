@@ -59,7 +59,7 @@ def resim(
     from bench.resim.text import describe
 
     if not 0.1 <= step_limit <= 3600.0:
-        raise BadInput(f"--step-limit {step_limit:g}: want a number of seconds from 0.1 to 3600")
+        raise BadInput(f"--step-limit {step_limit:g}: give a number of seconds from 0.1 to 3600")
     readable_log(log)
     if out is not None:
         from bench.files import check_new

@@ -327,7 +327,7 @@ def _ecu_classes(chosen: list[str]) -> dict[str, str]:
     for choice in chosen:
         role, _, spec = choice.partition("=")
         if role not in classes or not spec:
-            raise BadInput(f"--ecu {choice}: want ROLE=CLASS with a role of {', '.join(classes)}")
+            raise BadInput(f"--ecu {choice}: write ROLE=CLASS, where ROLE is {' or '.join(classes)}")
         classes[role] = spec
     return classes
 

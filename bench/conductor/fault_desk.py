@@ -31,8 +31,9 @@ from bench.cycle import time_of
 from bench.errors import BadInput
 from bench.events import FaultBegins, FaultEnds, FaultRequested
 from bench.faults.base import Fault
-from bench.faults.kinds import AnyFault, kinds
+from bench.faults.kinds import AnyFault
 from bench.faults.plan import FaultBoard, FaultPlan
+from bench.scenario.errors import explain_fault
 from bench.scenario.fault_targets import target_problems
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
@@ -127,7 +128,7 @@ class FaultDesk:
             refuse_outages([fault], self._without)
             self._board.post(fault)
         except ValidationError as error:
-            return _refusal(explain_fault(error))
+            return _refusal(explain_fault(error, _FAULTS.json_schema()))
         except (ValueError, TypeError, BadInput) as error:
             return _refusal(str(error))
         self.plan.refresh()
@@ -154,18 +155,6 @@ def _inode_here() -> list[int]:
     except OSError:
         return []
     return [here.st_dev, here.st_ino]
-
-
-def explain_fault(error: ValidationError) -> str:
-    """Return the problem of a fault as text."""
-    texts = []
-    for detail in error.errors(include_url=False):
-        path = [str(part) for part in detail["loc"] if part not in kinds()]
-        if detail["type"] in ("union_tag_invalid", "union_tag_not_found"):
-            texts.append(f"no such kind of fault; allowed: {', '.join(kinds())}")
-        else:
-            texts.append(f"{'.'.join(path)}: {detail['msg']}")
-    return "; ".join(texts)
 
 
 @dataclass(frozen=True)

@@ -181,7 +181,11 @@ class FrameCorrupt(FrameFault):
 
 
 class CounterStuck(FrameFault):
-    """The alive counter is stuck, with a valid CRC: a sender that has stopped computing."""
+    """The alive counter is stuck, with a valid CRC: a sender that has stopped computing.
+
+    Attributes:
+        message: name in the DBC.
+    """
 
     kind: Literal["counter_stuck"] = "counter_stuck"
     message: str

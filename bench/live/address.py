@@ -41,8 +41,8 @@ class LiveAddress:
         host = host.removeprefix("[").removesuffix("]")
         if not (colon and host and port.isascii() and port.isdecimal()) or int(port) > 65534:
             raise BadInput(
-                f"{text!r} is not an address to listen on: want HOST:PORT with a port of 0 (any) to 65534, for example "
-                f"{DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"
+                f"{text!r} is not an address to listen on: write HOST:PORT with a port of 0 (any) to 65534, for "
+                f"example {DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"
             )
         return cls(host, int(port), tuple(map(_origin, origins)))
 
@@ -94,7 +94,7 @@ def _origin(text: str) -> str:
     default = {"http": 80, "https": 443}.get(parts.scheme)
     if default is None or not parts.hostname or parts.path not in ("", "/") or parts.query or "@" in parts.netloc:
         raise BadInput(
-            f"--live-origin {text}: want the address of a viewer's page, SCHEME://HOST or SCHEME://HOST:PORT with http "
+            f"--live-origin {text}: give the address of a viewer's page, SCHEME://HOST or SCHEME://HOST:PORT with http "
             "or https: http://localhost:8080"
         )
     host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname

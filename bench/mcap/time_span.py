@@ -23,7 +23,7 @@ def to_ns(seconds: float, what: str) -> int:
         BadInput: it is not a finite number; `what` names it.
     """
     if not math.isfinite(seconds) or abs(seconds) >= FOREVER_NS / NS:
-        raise BadInput(f"{what} {seconds}: want a time in s")
+        raise BadInput(f"{what} {seconds}: give a time in s")
     return round(seconds * NS)
 
 

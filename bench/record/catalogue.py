@@ -37,7 +37,7 @@ def check_text(**arguments: object) -> None:
     """
     for argument, value in arguments.items():
         if not isinstance(value, str):
-            raise BadInput(f"{argument} {value!r}: want a name as text, for example 'veh1.VehicleMotion.YawRate'")
+            raise BadInput(f"{argument} {value!r}: give a name as text, for example 'veh1.VehicleMotion.YawRate'")
 
 
 class Catalogue:

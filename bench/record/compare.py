@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.bus.e2e import CRC_SIGNAL
+from bench.counts import counted
 from bench.errors import BadInput
 from bench.mcap.time_span import NS
 from bench.record.meaning import Meaning, meanings
@@ -96,9 +97,9 @@ class Difference:
             ]
         lines += self.notes
         if self.signals:
-            lines.append(f"{len(self.signals)} signals differ:")
+            lines.append(f"{len(self.signals)} signal{'s differ' if len(self.signals) > 1 else ' differs'}:")
             lines += [
-                f"  {s.bus} {s.message}.{s.signal}: from {s.first_s:.3f} s, {s.count} values, {s.at_most}"
+                f"  {s.bus} {s.message}.{s.signal}: from {s.first_s:.3f} s, {counted(s.count, 'value')}, {s.at_most}"
                 for s in self.signals
             ]
         return "\n".join(lines)

@@ -63,7 +63,7 @@ def step_ns(every_s: float) -> int:
     """
     step = to_ns(every_s, "--every / every_s")
     if step <= 0:
-        raise BadInput(f"--every / every_s {every_s}: want a step in s, at least 1e-9")
+        raise BadInput(f"--every / every_s {every_s}: give a step in s, at least 1e-9")
     return step
 
 

@@ -116,7 +116,7 @@ def _given_classes(classes: Sequence[str], chosen: Sequence[EcuSlot]) -> dict[st
         if not equals and len(roles) == 1:
             role, spec = roles[0], text
         if role not in roles or not spec:
-            raise BadInput(f"--class {text}: want ROLE=CLASS with a role of {', '.join(roles)}")
+            raise BadInput(f"--class {text}: write ROLE=CLASS, where ROLE is {' or '.join(roles)}")
         found[role] = spec
     return found
 

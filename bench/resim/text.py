@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from bench.bus.codec import Codec, DecodeError
 from bench.bus.e2e import COUNTER_SIGNAL, CRC_SIGNAL
+from bench.counts import counted
 from bench.cycle import time_of
 from bench.names import V2V
 from bench.record.meaning import value_text
@@ -49,7 +50,7 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
             (
                 f"{s.bus} {s.message}.{s.signal}",
                 f"from {s.first_s:.3f} s",
-                f"{s.count} values",
+                counted(s.count, "value"),
                 s.at_most,
             )
             for s in outcome.signals

@@ -67,7 +67,7 @@ def parse(texts: Sequence[str], messages: Mapping[str, Codec]) -> Tolerance:
         except ValueError:
             number = -1.0
         if not 0.0 <= number < float("inf"):
-            raise BadInput(f"--tolerance {text}: want a number from 0 on, or MESSAGE.SIGNAL=NUMBER")
+            raise BadInput(f"--tolerance {text}: give a number from 0 on, or MESSAGE.SIGNAL=NUMBER")
         if equals:
             signals[_signal(text, place, messages)] = number
         else:

@@ -78,6 +78,12 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
     return "\n".join([f"Scenario {source.name} has {count}:", *lines])
 
 
+def explain_fault(error: ValidationError, schema: Mapping[str, Any]) -> str:
+    """Return every problem of one fault, in the words of `explain`; `schema` is the JSON schema of faults."""
+    found = [problem for detail in error.errors(include_url=False) for problem in _problems(detail, schema)]
+    return "; ".join(f"{dotted(path) or 'the fault'} {text}" for path, text in found)
+
+
 def closest(name: str, names: Iterable[str]) -> str | None:
     """Return the one of `names` closest to `name`; None if none is similar."""
     found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.6)

@@ -111,7 +111,7 @@ def test_it_tells_the_projects_version(tmp_path):
         (["--seed", "one"], "Invalid value for '--seed': Input should be a valid integer"),
         (["--can", "carrier-pigeon"], "--can carrier-pigeon: not a bus; allowed: udp"),
         (["--clock", "sundial"], "--clock sundial: no such clock; allowed: lockstep"),
-        (["--ecu", "tracker"], "--ecu tracker: want ROLE=CLASS"),
+        (["--ecu", "tracker"], "--ecu tracker: write ROLE=CLASS"),
         (["--ecu", "tracker=no.such.module:Tracker", "--can", "direct"], "no.such.module"),
         (["--ecu", "tracker=no.such.module:Tracker"], "no.such.module"),
         (["--ecu", "tracker=json:dumps"], "json has no class dumps"),

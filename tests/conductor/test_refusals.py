@@ -56,7 +56,7 @@ def test_the_first_of_bus_identifier_and_reason_is_an_event_and_all_are_counted(
         FramesRefused("veh2", {"wrong_length": 1}, {"wrong_length": {"0x107": 1}}),
     ]
     assert refusals.totals[0].text == (
-        "6 frames on veh1 were refused in the run: 4 of a wrong length, 1 remote frame, 1 not a CAN frame"
+        "6 frames on veh1 were refused in the run: 4 of a wrong length, 1 remote frame, 1 that is not a CAN frame"
     )
 
 
@@ -66,9 +66,19 @@ def test_the_first_of_bus_identifier_and_reason_is_an_event_and_all_are_counted(
         (StrayFrame("veh1", 0x107, "wrong_length", 1), "frame 0x107 on veh1 (1 byte) is refused: of a wrong length"),
         (StrayFrame("veh1", 0x107, "wrong_length", 0), "frame 0x107 on veh1 (0 bytes) is refused: of a wrong length"),
         (StrayFrame("v2v", None, "malformed"), "frame on v2v is refused: not a CAN frame"),
+        (StrayFrame("veh2", 0x107, "fd_frame", 64), "frame 0x107 on veh2 (64 bytes) is refused: a CAN FD frame"),
+        (
+            FramesRefused("veh1", {"fd_frame": 28771, "error_frame": 1, "malformed": 2, "of_later_times": 3}, {}),
+            "28,777 frames on veh1 were refused in the run: 28,771 CAN FD frames, 1 error frame, "
+            "2 that are not CAN frames, 3 of_later_times",
+        ),
+        (
+            FramesRefused("v2v", {"unknown_identifier": 1}, {}),
+            "1 frame on v2v was refused in the run: 1 of an identifier that the bus does not have",
+        ),
     ],
 )
-def test_an_event_says_what_was_refused_and_why(event: StrayFrame, text: str) -> None:
+def test_an_event_says_what_was_refused_and_why(event: StrayFrame | FramesRefused, text: str) -> None:
     assert event.text == text
 
 

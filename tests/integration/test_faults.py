@@ -139,10 +139,16 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
     run_ = start(set=["duration_s=2.0"])
     run_.await_time(0.2)
     (name,) = [name for name in running() if name.startswith(f"{run_.process.pid}-")]
-    with pytest.raises(BadInput, match=r"mu: Input should be greater than or equal to 0\.05"):
+    with pytest.raises(BadInput, match=r"mu = 0\.01 is not allowed; allowed: a finite number from 0\.05 to 1\.5"):
         ask(name, {"kind": "ice_patch", "mu": 0.01})
-    with pytest.raises(BadInput, match="no such kind of fault; allowed: frame_loss, "):
+    with pytest.raises(BadInput, match=r'the fault has the kind "earthquake"; allowed: one of .*frame_loss, '):
         ask(name, {"kind": "earthquake"})
+    with pytest.raises(BadInput, match="the fault has no kind; allowed: one of "):
+        ask(name, {})
+    with pytest.raises(BadInput, match=r"bus is missing; allowed: .*; probability = 2 is not allowed"):
+        ask(name, {"kind": "frame_loss", "probability": 2})
+    with pytest.raises(BadInput, match=r"bursts\.to_good is missing; allowed: a finite number above 0 and at most 1"):
+        ask(name, {"kind": "frame_loss", "bus": "veh1", "bursts": {"to_bad": 0.1}})
     with pytest.raises(BadInput, match="vehicle = 9 does not exist; allowed: 1 to 3"):
         ask(name, {"kind": "ice_patch", "vehicle": 9})
     with pytest.raises(BadInput, match=r"at_s = 0\.01"):

@@ -146,7 +146,7 @@ def test_viewers_may_connect(kind: str, origin: str | None) -> None:
 
 @pytest.mark.parametrize("text", ["", "*", "null", "file://", "localhost:8080", "http://", "http://a/b", "http://u@h"])
 def test_an_origin_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(BadInput, match=r"--live-origin .*want the address of a viewer's page"):
+    with pytest.raises(BadInput, match=r"--live-origin .*give the address of a viewer's page"):
         LiveAddress.parse("127.0.0.1:0", [text])
 
 

@@ -150,7 +150,7 @@ async def _no_page() -> str:
 
 @pytest.mark.parametrize("text", ["", "8080", ":8080", "host:", "host:x", "host:65535", "host:-1", "host:٣"])
 def test_an_address_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(BadInput, match="want HOST:PORT"):
+    with pytest.raises(BadInput, match="write HOST:PORT"):
         LiveAddress.parse(text)
 
 

@@ -57,7 +57,7 @@ def test_a_single_bit_is_found_with_its_signal_and_time(make_log):
     text = str(found)
     assert "first difference at 0.170 s on veh2" in text
     assert "VehicleMotion: CRC" in text
-    assert "veh2 VehicleMotion.VelocityX: from 0.170 s, 1 values, by at most 0.128 m/s" in text
+    assert "veh2 VehicleMotion.VelocityX: from 0.170 s, 1 value, by at most 0.128 m/s" in text
 
 
 def test_a_crc_is_told_of_only_where_nothing_else_tells_why(codecs, tmp_path):

@@ -156,6 +156,25 @@ def test_a_kind_of_another_version_goes_through_reading_and_writing(
     assert Run(tmp_path / "run.mcap").events == [strange]
 
 
+@pytest.mark.parametrize(
+    ("event", "text"),
+    [
+        (events.FaultBegins("v2v_outage", {"vehicle": 3}, 4.5), "v2v_outage begins: vehicle 3, until 4.5 s"),
+        (events.FaultBegins("v2v_outage", {}, None), "v2v_outage begins: until the end"),
+        (events.FaultEnds("v2v_outage", {"vehicle": 3}), "v2v_outage ends: vehicle 3"),
+        (events.FaultEnds("v2v_outage", {}), "v2v_outage ends"),
+        (events.DeadlineMet("veh1.tracker", 1), "in time again after 1 missed deadline"),
+        (events.FramesLost("veh1", 1), "1 frame on veh1 came faster than it could be read, and is not in the log"),
+        (
+            events.FramesLost("veh1", 20_000),
+            "20,000 frames on veh1 came faster than they could be read, and are not in the log",
+        ),
+    ],
+)
+def test_an_event_is_a_sentence(event: events.Event, text: str) -> None:
+    assert event.text == text
+
+
 @pytest.mark.parametrize(("event", "level", "source", "text"), OLD)
 def test_old_texts_are_understood(event: events.Event, level: str, source: str, text: str) -> None:
     if event.kind == events.ResponseBeyondPeriod.kind:

@@ -160,10 +160,10 @@ def test_another_class_than_the_benchs_own_is_not_compared_unasked(reworked):
     [
         ({"names": []}, "give --all, or --ecu with one of veh1.planner, veh1.tracker"),
         ({"names": ["tracker"]}, "--ecu tracker: not an ECU of this log"),
-        ({"classes": ["driver=x:Y"]}, "--class driver=x:Y: want ROLE=CLASS with a role of tracker"),
+        ({"classes": ["driver=x:Y"]}, "--class driver=x:Y: write ROLE=CLASS, where ROLE is tracker"),
         ({"classes": ["none.py:Y"]}, "ECU 'none.py:Y' cannot be loaded"),
-        ({"tolerances": ["-1"]}, "--tolerance -1: want a number from 0 on"),
-        ({"tolerances": ["nan"]}, "--tolerance nan: want a number from 0 on"),
+        ({"tolerances": ["-1"]}, "--tolerance -1: give a number from 0 on"),
+        ({"tolerances": ["nan"]}, "--tolerance nan: give a number from 0 on"),
         ({"tolerances": ["Reference.YawRate=1"]}, "these ECUs send no 'Reference', but SteeringCommand, "),
         ({"tolerances": ["2", "TrackerStatus.State=5"]}, "TrackerStatus.State=5: State must be the same, as it is a"),
         ({"tolerances": ["SteeringCommand.AliveCounter=1"]}, "AliveCounter must be the same, as it is a state"),

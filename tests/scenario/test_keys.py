@@ -199,6 +199,10 @@ def test_keys_are_listed_with_all_that_is_known(monkeypatch: pytest.MonkeyPatch)
     assert max(map(len, described(None).splitlines())) <= 240
 
 
+def test_no_key_that_must_be_given_says_what_holds_without_it() -> None:
+    assert [key.name for key in keys() if key.required and "if not given" in key.meaning] == []
+
+
 @pytest.mark.parametrize("kind", ["sensor_bias", "sensor_noise"])
 def test_a_sensor_fault_needs_its_message(kind: str, tmp_path: Path) -> None:
     document = copy.deepcopy(FULL)
