@@ -67,7 +67,7 @@ def info(
         ("log", f"{found.path}, {found.bytes / 1e6:.3g} MB"),
         ("time", "no message" if is_empty else f"{found.start_s:.9g} s to {found.end_s:.9g} s"),
         *([("status", found.status)] if found.status and "status" not in found.metadata else []),
-        *found.metadata.items(),
+        *((key, value) for key, value in found.metadata.items() if value),
         *((f"bus {bus.name}", _rate(bus.messages, "frames", bus.per_s)) for bus in found.buses),
         ("topics", f"{len(found.topics)} beside frames, with {found.signals} signals: platoon log signals {log}"),
         ("events", ", ".join(f"{count} {level}" for level, count in found.events.items()) or "none"),

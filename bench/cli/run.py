@@ -160,7 +160,10 @@ def run(
 def scenarios(
     name: Annotated[
         str | None,
-        typer.Argument(metavar="NAME|PATTERN", help="Print this scenario, as a template; with --keys, which keys."),
+        typer.Argument(
+            metavar="NAME|PATTERN",
+            help="Print this scenario, as a template; with --keys, which keys, by name or meaning.",
+        ),
     ] = None,
     keys: Annotated[
         bool, typer.Option("--keys", help="List what can be set: unit, allowed values, default and meaning.")

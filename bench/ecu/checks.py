@@ -57,7 +57,9 @@ def created(ecu_class: type, spec: str, slot: EcuSlot, scenario: Scenario, codec
     name, where = ecu_class.__name__, place_of(ecu_class)
     problem = _arguments_problem(ecu_class, ("vehicle", "scenario"))
     if problem:
-        raise BadInput(f"ECU {spec!r}: the bench calls {name}(vehicle, scenario), but {problem}{where}")
+        base = "; write def __init__(self, vehicle, scenario) and call super().__init__(vehicle, scenario) first"
+        mend = base if hasattr(ecu_class, "role") else ""
+        raise BadInput(f"ECU {spec!r}: the bench calls {name}(vehicle, scenario), but {problem}{where}{mend}")
     try:
         ecu = ecu_class(slot.vehicle, scenario)
     except BadInput as error:

@@ -95,7 +95,7 @@ class IcePatch(Fault):
 
     Attributes:
         vehicle: number of the vehicle, from 1; all if not given.
-        mu: tyre-road adhesion.
+        mu: tyre-road adhesion, the friction coefficient.
     """
 
     kind: Literal["ice_patch"] = "ice_patch"

@@ -56,11 +56,15 @@ class Key:
 
 
 def keys(pattern: str = "*") -> list[Key]:
-    """Return the keys whose name or kind matches a pattern; one without `*` or `?` may be any part of the name."""
+    """Return the keys whose name or kind matches a pattern; one without `*` or `?` may be any part of the name.
+
+    A word that is in no name is looked for in what the keys mean.
+    """
     part = pattern if re.search(r"[*?\[]", pattern) else f"*{pattern}*"
     schema = _plain_schema()
     found = [*_keys_of(schema, schema, ""), *_profile_keys(schema)]
-    return [key for key in found if fnmatch.fnmatchcase(key.name, part) or fnmatch.fnmatchcase(key.name, f"{part} (*)")]
+    named = [key for key in found if any(fnmatch.fnmatchcase(key.name, each) for each in (part, f"{part} (*)"))]
+    return named or [key for key in found if pattern.lower() in key.meaning.lower()]
 
 
 @cache

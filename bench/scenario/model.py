@@ -72,7 +72,7 @@ class Road(BaseModel):
     Attributes:
         lambda_f: front cornering stiffness is C_f (1 + 0.4 lambda_f).
         lambda_r: rear cornering stiffness is C_r (1 + 0.4 lambda_r).
-        mu: tyre-road adhesion.
+        mu: tyre-road adhesion, the friction coefficient.
         force_x_n: force at the centre of mass along the vehicle's x axis (N).
         force_y_n: force at the centre of mass along the vehicle's y axis (N).
         moment_z_nm: yaw moment (N m).

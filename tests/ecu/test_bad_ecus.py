@@ -123,7 +123,7 @@ def step(made: CheckedEcu) -> None:
         (
             tracker("def __init__(self, gain): pass"),
             "tracker",
-            "the bench calls Mine(vehicle, scenario), but it takes (gain) (LINE 3)",
+            "the bench calls Mine(vehicle, scenario), but it takes (gain) (LINE 3); write def __init__(self, ",
         ),
         (
             tracker("def __init__(self, vehicle, scenario): pass"),

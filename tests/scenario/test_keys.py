@@ -199,6 +199,11 @@ def test_keys_are_listed_with_all_that_is_known(monkeypatch: pytest.MonkeyPatch)
     assert max(map(len, described(None).splitlines())) <= 240
 
 
+def test_a_word_that_is_in_no_name_is_looked_for_in_the_meanings() -> None:
+    assert {key.name for key in keys("Friction")} == {"road.mu", "vehicles.N.road.mu", "faults.N.mu (ice_patch)"}
+    assert keys("platoon.frict*") == []
+
+
 def test_no_key_that_must_be_given_says_what_holds_without_it() -> None:
     assert [key.name for key in keys() if key.required and "if not given" in key.meaning] == []
 
