@@ -7,7 +7,6 @@ readable: a recorded kind keeps its name, and its fields keep their meaning. To 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from dataclasses import fields as fields_of
@@ -66,6 +65,12 @@ class _Kind:
         return {each.name: getattr(self, each.name) for each in fields_of(self) if each.name not in ("level", "source")}
 
 
+def _fault_sentence(what: str, parameters: Mapping[str, Any], *more: str) -> str:
+    """Return `v2v_outage begins: vehicle 3, until 4.5 s`."""
+    said = [*(f"{name} {value}" for name, value in parameters.items()), *more]
+    return f"{what}: {', '.join(said)}" if said else what
+
+
 @dataclass(frozen=True)
 class _OfFault(_Kind):
     """Base class of all events of a fault.
@@ -79,11 +84,6 @@ class _OfFault(_Kind):
     source: ClassVar[str] = FAULT
     fault: str
     parameters: Mapping[str, Any]
-
-    def _sentence(self, verb: str, *more: str) -> str:
-        """`v2v_outage begins: vehicle 3, until 4.5 s`."""
-        said = [*(f"{name} {value}" for name, value in self.parameters.items()), *more]
-        return f"{self.fault} {verb}" + (f": {', '.join(said)}" if said else "")
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class FaultBegins(_OfFault):
     def text(self) -> str:
         """See `Event`."""
         until = "the end" if self.until_s is None else f"{self.until_s:g} s"
-        return self._sentence("begins", f"until {until}")
+        return _fault_sentence(f"{self.fault} begins", self.parameters, f"until {until}")
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class FaultEnds(_OfFault):
     @property
     def text(self) -> str:
         """See `Event`."""
-        return self._sentence("ends")
+        return _fault_sentence(f"{self.fault} ends", self.parameters)
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,11 @@ class FaultRequested(_Kind):
     @property
     def text(self) -> str:
         """See `Event`."""
-        return f"asked for while running: {json.dumps(self.fault)}"
+        fault = {key: value for key, value in self.fault.items() if value is not None}
+        kind, at_s, for_s = (fault.pop(key, None) for key in ("kind", "at_s", "for_s"))
+        begins = "now" if at_s is None else f"from {at_s:g} s"
+        lasts = "to the end" if for_s is None else f"for {for_s:g} s"
+        return _fault_sentence(f"{kind} is injected", fault, f"{begins} {lasts}")
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """The faults of a running bench: those of its scenario, and those that `platoon fault` injects."""
 
+import math
 import os
 import socket
 import time
@@ -67,8 +68,9 @@ class FaultDesk:
         log: Path,
         without: Collection[str] = (),
         scenario: str = "",
+        end_s: float = math.inf,
     ) -> None:
-        """Accept faults for a run of a `scenario` with this number of vehicles, which writes `log`.
+        """Accept faults for a run of a `scenario` with this number of vehicles, which writes `log` and ends at `end_s`.
 
         The bench does not start the ECUs in `without`, so it cannot crash or stop them.
         """
@@ -76,6 +78,7 @@ class FaultDesk:
         self.plan = plan
         self._board = board
         self._vehicles = vehicles
+        self._end_s = end_s
         self._server = FaultServer(bench_name(log), _introduction(log, scenario))
         self._told: set[tuple[int, bool]] = set()
 
@@ -122,6 +125,8 @@ class FaultDesk:
             fault = _FAULTS.validate_json(line_of({"at_s": now_s, **asked}))
             if fault.at_s < now_s:
                 return {"error": f"at_s = {fault.at_s:g} has passed; the run is at {now_s:g} s"}
+            if fault.at_s >= self._end_s:
+                return {"error": f"at_s = {fault.at_s:g} is not before the run's end at {self._end_s:g} s"}
             problems = target_problems(fault, self._vehicles)
             if problems:
                 return _refusal("; ".join(f"{'.'.join(key)} {text}" for key, text in problems))

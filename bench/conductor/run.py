@@ -182,7 +182,9 @@ def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitS
     links = {bus: stack.enter_context(open_link(bus, address)) for bus in codecs}
     interrupts = stack.enter_context(Interrupts())
     stack.enter_context(as_batch_work())
-    desk = FaultDesk(plan, FaultBoard(board), vehicles, options.out, options.without, scenario.name)
+    desk = FaultDesk(
+        plan, FaultBoard(board), vehicles, options.out, options.without, scenario.name, scenario.duration_s
+    )
     stack.enter_context(desk)
     waiting = FreeSlots(free, codecs, vehicles)
     go_on = scenario.on_ecu_failure == "continue"

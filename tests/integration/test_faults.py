@@ -153,6 +153,8 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
         ask(name, {"kind": "ice_patch", "vehicle": 9})
     with pytest.raises(BadInput, match=r"at_s = 0\.01"):
         ask(name, {"kind": "ice_patch", "at_s": 0.01})
+    with pytest.raises(BadInput, match=r"at_s = 2 is not before the run's end at 2 s"):
+        ask(name, {"kind": "ice_patch", "at_s": 2.0})
     with pytest.raises(BadInput, match="no running bench has 'nonsense' in its name"):
         ask("nonsense", {"kind": "ice_patch"})
     crash = ask(name, {"kind": "ecu_crash", "ecu": "veh2.planner", "for_s": 0.1})

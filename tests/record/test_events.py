@@ -163,6 +163,14 @@ def test_a_kind_of_another_version_goes_through_reading_and_writing(
         (events.FaultBegins("v2v_outage", {}, None), "v2v_outage begins: until the end"),
         (events.FaultEnds("v2v_outage", {"vehicle": 3}), "v2v_outage ends: vehicle 3"),
         (events.FaultEnds("v2v_outage", {}), "v2v_outage ends"),
+        (
+            events.FaultRequested({"at_s": 1.5, "for_s": 2.0, "bus": "veh2", "kind": "frame_loss", "bursts": None}),
+            "frame_loss is injected: bus veh2, from 1.5 s for 2 s",
+        ),
+        (
+            events.FaultRequested({"at_s": 0.12, "for_s": None, "kind": "v2v_outage", "vehicle": 1}),
+            "v2v_outage is injected: vehicle 1, from 0.12 s to the end",
+        ),
         (events.DeadlineMet("veh1.tracker", 1), "in time again after 1 missed deadline"),
         (events.FramesLost("veh1", 1), "1 frame on veh1 came faster than it could be read, and is not in the log"),
         (
