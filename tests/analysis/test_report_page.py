@@ -106,6 +106,31 @@ def open_page(browser, tmp_path):
     assert troubles == []
 
 
+BROKEN_ARROWS = """() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  let [arrows, broken] = [0, 0];
+  while (walker.nextNode())
+    for (const found of walker.currentNode.data.matchAll(/->/g)) {
+      const range = document.createRange();
+      range.setStart(walker.currentNode, found.index);
+      range.setEnd(walker.currentNode, found.index + 2);
+      const lines = new Set([...range.getClientRects()].filter((at) => at.width).map((at) => at.top));
+      arrows += lines.size > 0;
+      broken += lines.size > 1;
+    }
+  return [arrows, broken];
+}"""
+
+
+def test_no_arrow_is_broken_over_two_lines(open_page, faulty):
+    tab = open_page(render(faulty))
+    for width in range(700, 900, 10):
+        tab.set_viewport_size({"width": width, "height": 900})
+        arrows, broken = tab.evaluate(BROKEN_ARROWS)
+        assert arrows >= 3, width
+        assert broken == 0, width
+
+
 def time_of(tab):
     return float(tab.locator("#scrub").input_value())
 

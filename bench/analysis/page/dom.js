@@ -3,10 +3,22 @@
 const SVG = "http://www.w3.org/2000/svg";
 const byId = (id) => document.getElementById(id);
 
+// A line may break after a hyphen, but not within `->` or before the name of an option.
+const WHOLE = /((?<=^|\s)-[-\w>]{1,24})/;
+
+function write(made, text) {
+  const parts = String(text).split(WHOLE);
+  made.textContent = parts[0];
+  for (const [index, part] of parts.slice(1).entries()) {
+    if (index % 2) made.append(part);
+    else element(made, "span", { class: "whole" }).textContent = part;
+  }
+}
+
 function element(parent, tag, attributes = {}, text = null) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  if (text !== null) made.textContent = text;
+  if (text !== null) write(made, text);
   parent.append(made);
   return made;
 }
