@@ -31,6 +31,7 @@ from bench.conductor.linux import stolen_s as stolen_s_so_far
 from bench.cycle import CYCLE_NS, CYCLE_S, time_of
 from bench.errors import RunFailed
 from bench.events import Refusal
+from bench.faults.plan import is_off
 from bench.names import PLANT, V2V
 
 if TYPE_CHECKING:  # the recorder is imported while the processes start
@@ -119,6 +120,7 @@ class Realtime(Conductor):
         self._prepared = -1
         self._first_ns = 0
         self._in_a_row: dict[str, int] = dict.fromkeys(self._senders, 0)
+        self._plant_silent = 0
         self._pids: dict[str, int] = {}
         self.cycle = -1
         self.misses = dict.fromkeys(self._senders, 0)
@@ -165,6 +167,8 @@ class Realtime(Conductor):
                 end_at = time.monotonic() + SETTLE_CYCLES * CYCLE_S
         sent = self._sync(BenchCommand.STOP, self.cycles)
         self._keep_up(crew, recorder, self.cycle, on_progress)
+        if self._plant_silent >= self.cycles:
+            raise RunFailed(f"the {PLANT} has met no deadline in the whole run")
         recorder.cycle(self.cycles, sent, (), (), (), ())
         if on_progress is not None:
             on_progress(time_of(self.cycles))
@@ -345,6 +349,20 @@ class Realtime(Conductor):
                 text = f"{self._when()} {name} has met no deadline for {self._silence_s:g} s"
                 if not self._goes_on_without([name], crew, recorder, text):
                     raise RunFailed(text)
+        self._judge_plant(number)
+
+    def _judge_plant(self, number: int) -> None:
+        """Note whether the plant has met no deadline of a cycle on any bus, although no fault kept it from one.
+
+        Raises:
+            RunFailed: that has lasted too long.
+        """
+        faults = self._desk.plan.at(number)
+        plants = [(name, bus) for name, bus in self._senders.items() if name.endswith(f".{PLANT}")]
+        silent = all(self._in_a_row[name] and not is_off(name, bus, faults) for name, bus in plants)
+        self._plant_silent = self._plant_silent + 1 if silent else 0
+        if time_of(self._plant_silent) > self._silence_s:
+            raise RunFailed(f"{self._when()} the {PLANT} has met no deadline for {self._silence_s:g} s")
 
     def _goes_on_without(self, names: Sequence[str], crew: Crew, recorder: "Recorder", text: str) -> bool:
         """Continue without ECUs that have failed if the run can; return whether it does."""

@@ -83,6 +83,10 @@ def without_tracker(cycle: int) -> list[Frame]:
     return [*sync(cycle), *node("veh1.plant", cycle, 1.0), *node("veh1.planner", cycle, 2.0)]
 
 
+def without_plant(cycle: int) -> list[Frame]:
+    return [*sync(cycle), *node("veh1.planner", cycle, 2.0), *node("veh1.tracker", cycle, 3.0)]
+
+
 class ScriptedCrew:
     """Brings what it is told to, a part at each call of `attend`, and notes whom the conductor excuses."""
 
@@ -315,6 +319,17 @@ def test_a_run_can_go_on_without_it(conduct: Conduct) -> None:
     assert found.conductor.misses["veh1.tracker"] == 6
     (failure,) = [event for event in found.log.events if event.kind == EcuFailed.kind]
     assert failure.fields["ecus"] == ["veh1.tracker"]
+
+
+def test_a_plant_that_meets_no_deadline_ends_the_run(conduct: Conduct) -> None:
+    with pytest.raises(RunFailed, match=r"the plant has met no deadline for 0\.05 s"):
+        conduct([cycle_in_time(0), *(without_plant(cycle) for cycle in range(1, 20))], 20, silence_s=0.05)
+
+
+def test_a_run_in_which_the_plant_has_met_no_deadline_is_not_complete(conduct: Conduct) -> None:
+    """However short it is: it has no truth, and nothing can be said of its vehicles."""
+    with pytest.raises(RunFailed, match="the plant has met no deadline in the whole run"):
+        conduct([without_plant(cycle) for cycle in range(6)], 6)
 
 
 def test_a_clock_that_says_nothing_ends_the_run(conduct: Conduct) -> None:
