@@ -30,6 +30,8 @@ def parse(kind: str, keys: Sequence[str]) -> dict[str, Any]:
         key, equals, value = text.partition("=")
         if not equals or key not in allowed:
             raise BadInput(f"{text}: {kind} takes KEY=VALUE with a KEY of {', '.join(allowed)}")
+        if key in fault:
+            raise BadInput(f"{text}: {key} is given twice")
         fault[key] = _value(value)
     return fault
 
@@ -37,7 +39,8 @@ def parse(kind: str, keys: Sequence[str]) -> dict[str, Any]:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
+        # The bench says what is wrong with it.
         return text
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.help import App
-from bench.cli.output import say_json
+from bench.cli.output import message, say_json
 from bench.errors import BadInput
 from platoon_fmu.errors import FmuError, UnknownPlatform
 
@@ -146,7 +146,7 @@ def report(
     write_text(target, found.page)
     typer.echo(str(target))
     for metric in found.missed:
-        typer.echo(f"platoon: failed: {metric.name}", err=True)
+        typer.echo(message(f"failed: {metric.name}"), err=True)
     if found.missed:
         raise typer.Exit(1)
 
@@ -167,4 +167,4 @@ def vehicle_fmu() -> Path:
 
 def say_first_use(text: str) -> None:
     """Say what an installed package does only once."""
-    typer.echo(f"platoon: first use: {text} ...", err=True)
+    typer.echo(message(f"first use: {text} ..."), err=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.help import App
-from bench.cli.output import one_line, say_json, say_table, shown
+from bench.cli.output import message, one_line, say_json, say_table, shown
 from bench.errors import BadInput
 from bench.files import readable_log
 
@@ -317,4 +317,4 @@ def _format(kind: FormatName | None, out: Path | None) -> "Format":
 
 def _show(notes: tuple[str, ...]) -> None:
     for note in notes:
-        typer.echo(f"platoon: {note}", err=True)
+        typer.echo(message(note), err=True)

@@ -16,7 +16,7 @@ from bench.cli.help import WIDTH, App, HelpGroup
 from bench.cli.log import log_app
 from bench.cli.machine import add_machine
 from bench.cli.options import EXIT_CODES
-from bench.cli.output import GuardedGroup, guard
+from bench.cli.output import GuardedGroup, guard, message
 from bench.cli.replay import add_replay
 from bench.cli.resim import add_resim
 from bench.cli.results import add_results
@@ -76,7 +76,7 @@ def main() -> None:
     sys.path[:] = search_path()
     # Before numpy is loaded: on matrices of three rows threads only slow it down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    warnings.formatwarning = lambda message, *_args, **_rest: f"platoon: {message}\n"
+    warnings.formatwarning = lambda text, *_args, **_rest: f"{message(str(text))}\n"
     # Not undone: the interpreter itself prints the traceback of what nobody expected.
     guard()
     code = _exit_code()
@@ -112,4 +112,4 @@ def _exit_code() -> int | str | None:
 
 
 def _say(text: str) -> None:
-    typer.echo(f"platoon: {text}", err=True, color=True)
+    typer.echo(message(text), err=True, color=True)

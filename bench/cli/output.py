@@ -74,6 +74,14 @@ def one_line(text: str) -> str:
     return shown(text.replace("\n", "\\n"))
 
 
+def message(text: str) -> str:
+    """Return what is to be said to a person: `platoon: `, and further lines indented.
+
+    So no name or text of others that it cites, whatever lines it has, looks like a message of ours.
+    """
+    return "platoon: " + text.replace("\n", "\n  ")
+
+
 class _Guard(io.TextIOBase):
     """A standard stream that shows control characters instead of obeying them.
 

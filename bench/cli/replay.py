@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.output import message
 from bench.errors import BadInput
 from bench.files import readable_log
 
@@ -122,6 +123,6 @@ def _show(played: "Played") -> None:
         typer.echo(f"late by p50 {p50:.3g} ms, p99 {p99:.3g} ms, at most {late.largest_ns / 1e6:.3g} ms")
     if played.failed:
         counts = ", ".join(f"{count} on {bus}" for bus, count in played.failed.items())
-        typer.echo(f"platoon: frames that could not be sent: {counts}; {played.reason}", err=True)
+        typer.echo(message(f"frames that could not be sent: {counts}; {played.reason}"), err=True)
     if played.interrupted:
         typer.echo("platoon: ended by Ctrl-C", err=True)

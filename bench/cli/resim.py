@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.output import message
 from bench.errors import BadInput
 from bench.files import readable_log
 
@@ -67,7 +68,7 @@ def resim(
         check_new(out, ".mcap")
     plan = make_plan(Run(log), ecu or (), every=every, classes=spec or (), tolerances=tolerance or ())
     for note in plan.notes:
-        typer.echo(f"platoon: {note}", err=True)
+        typer.echo(message(note), err=True)
     outcomes = []
     for outcome in run_all(plan.jobs, step_limit):
         if outcome.bad_input:
@@ -77,7 +78,7 @@ def resim(
     failed = [outcome.name for outcome in outcomes if outcome.failed]
     if out is not None and failed:
         # It would mix recorded frames with new ones.
-        typer.echo(f"platoon: {out} is not written, as {', '.join(failed)} failed", err=True)
+        typer.echo(message(f"{out} is not written, as {', '.join(failed)} failed"), err=True)
     elif out is not None:
         from bench.resim.rewrite import write
 

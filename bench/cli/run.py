@@ -11,6 +11,7 @@ import typer
 
 from bench.cli.fmu import say_first_use, vehicle_fmu
 from bench.cli.options import EXIT_CODES, LOGS, Buses, LiveOrigins, Overrides, ScenarioName, Seed, report_path
+from bench.cli.output import message
 from bench.errors import BadInput
 from bench.files import check_directory, check_new
 from bench.label import checked_label
@@ -153,7 +154,7 @@ def run(
         typer.echo(f"report: {report}")
     failures = _failures(figures, loaded)
     if failures:
-        typer.echo("\n".join(f"platoon: {text}" for text in failures), err=True)
+        typer.echo("\n".join(map(message, failures)), err=True)
         raise typer.Exit(1)
 
 
@@ -315,7 +316,7 @@ def _failures(metrics: "Metrics", scenario: "Scenario") -> list[str]:
 
 
 def _warn(text: str) -> None:
-    typer.echo(f"platoon: {text}", err=True)
+    typer.echo(message(text), err=True)
 
 
 def _ecu_classes(chosen: list[str]) -> dict[str, str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bench.cli.output import Terminal, progress
+from bench.cli.output import Terminal, message, one_line, progress
 
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
     from bench.analysis.metrics import Metrics
@@ -59,7 +59,7 @@ def _once(console: Terminal) -> Callable[[str], None]:
         nonlocal told
         if not told:
             told = True
-            console.print(f"platoon: {text}", soft_wrap=True)
+            console.print(message(text), soft_wrap=True)
 
     return tell
 
@@ -85,7 +85,7 @@ def show_metrics(metrics: "Metrics", label: str = "") -> None:
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
     if metrics.warnings.count:
-        console.print(str(metrics.warnings))
+        console.print(one_line(str(metrics.warnings)))
     if not metrics.complete:
         console.print("The run or its log is truncated: 'final' is the last value in the log.")
 

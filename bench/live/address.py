@@ -39,7 +39,7 @@ class LiveAddress:
         """
         host, colon, port = text.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
-        if not (colon and host and port.isascii() and port.isdecimal()) or int(port) > 65534:
+        if not (colon and host and re.fullmatch(r"[0-9]{1,5}", port)) or int(port) > 65534:
             raise BadInput(
                 f"{text!r} is not an address to listen on: write HOST:PORT with a port of 0 (any) to 65534, for "
                 f"example {DEFAULT}; 0.0.0.0:PORT for all of this machine's networks"

@@ -23,7 +23,7 @@ def describe(outcome: Outcome, codecs: Mapping[str, Codec]) -> str:
 def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
     there = f"{outcome.frames} frames in {outcome.cycles} cycles"
     if outcome.error and not outcome.cycles:
-        yield f"{outcome.name}: FAILED: {outcome.error}"
+        yield f"{outcome.name}: FAILED: {_indented(outcome.error)}"
         return
     if not outcome.differing:
         yield f"{outcome.name}: {'as far as it went ' if outcome.error else ''}same: {there}, byte for byte"
@@ -59,7 +59,12 @@ def _lines(outcome: Outcome, codecs: Mapping[str, Codec]) -> Iterator[str]:
         if len(rows) > _MOST:
             yield f"    and {len(rows) - _MOST} more"
     if outcome.error:
-        yield f"  FAILED: {outcome.error}"
+        yield f"  FAILED: {_indented(outcome.error)}"
+
+
+def _indented(error: str) -> str:
+    """Return an error with its further lines indented: they may be of an ECU's own, and look like an outcome."""
+    return error.replace("\n", "\n    ")
 
 
 def _first(first: First, codecs: Mapping[str, Codec]) -> Iterator[str]:

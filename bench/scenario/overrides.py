@@ -7,6 +7,8 @@ from typing import Any
 
 from bench.errors import BadInput
 
+_INDEX = re.compile(r"[0-9]{1,9}")
+
 
 def put(document: dict[str, Any], override: str) -> tuple[str | int, ...]:
     """Apply one `KEY=VALUE` to a TOML document and return the path of the key.
@@ -17,7 +19,7 @@ def put(document: dict[str, Any], override: str) -> tuple[str | int, ...]:
     """
     key, equals, value = override.partition("=")
     dotted = re.sub(r"\[(\d+)\]", r".\1", key.strip())
-    parts = [int(part) if part.isdigit() else part for part in dotted.split(".")]
+    parts = [int(part) if _INDEX.fullmatch(part) else part for part in dotted.split(".")]
     if not equals or not all(isinstance(part, int) or re.fullmatch(r"[A-Za-z_]\w*", part) for part in parts):
         raise BadInput(f"--set {override}: expected KEY=VALUE, e.g. --set platoon.gap_m=12.0")
     node: Any = document

@@ -220,6 +220,14 @@ def test_frames_the_conductor_lost_count_too(run_of):
     assert compute(run_of(Motions(1, 20), result=ended)).frames_lost == 3
 
 
+@pytest.mark.parametrize("text", ["inf", "-inf", "nan", "1e999", "9" * 5000, "\u00b2", "x", ""])
+def test_a_result_that_is_no_number_counts_as_none(run_of, text):
+    """A log can be of anybody."""
+    found = compute(run_of(Motions(1, 20), result={"frames_lost": text, "cycles": text, "wall_s": text}))
+    assert (found.frames_lost or 0) == 0
+    json.dumps(found.as_dict(), allow_nan=False)
+
+
 def test_a_run_that_was_cut_off_is_not_complete(run_of, tmp_path):
     path = run_of(Motions(3, 200)).path
     cut = tmp_path / "cut.mcap"

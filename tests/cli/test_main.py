@@ -353,6 +353,9 @@ def test_fault_lists_every_kind_with_its_keys(tmp_path):
             "friction=0.1: ice_patch takes KEY=VALUE with a KEY of at_s, for_s,",
         ),
         (["ice_patch", "mu"], "mu: ice_patch takes KEY=VALUE"),
+        (["ice_patch", "mu=0.1", "mu=0.2"], "mu=0.2: mu is given twice"),
+        (["ice_patch", f"mu={'9' * 5000}"], "bench"),
+        (["ice_patch", f"mu={'[' * 5000}"], "bench"),
         (["ice_patch", "--run", "no-such-run"], "no running bench has 'no-such-run' in its name"),
     ],
 )

@@ -243,10 +243,30 @@ def test_what_an_ecu_says_controls_no_terminal(tmp_path, can):
 @pytest.mark.parametrize("command", [["log", "info"], ["metrics"], ["run"], ["resim", "--all"], ["fmu", "info"]])
 def test_a_file_name_controls_no_terminal(tmp_path, command):
     # The name of a file is bytes; these are no UTF-8, and C1 controls to a terminal in Latin-1.
-    name = os.fsdecode(b"evil\x9b31m\x1b]0;title\x07\xe2\x80\xae\n.mcap")
+    name = os.fsdecode(b"evil\x9b31m\x1b]0;title\x07\xe2\x80\xae\nplatoon: forged.mcap")
     (tmp_path / name).write_bytes(b"no log")
     said = check_harmless([*command, name], tmp_path, shows=False)
     assert "evil\\udc9b31m\\x1b]0;title" in said
+    assert "forged" in said
+    assert "\nplatoon: forged" not in said
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "--set", "x\nplatoon: forged"],
+        ["run", "--can", "x\nplatoon: forged"],
+        ["run", "--ecu", "tracker=x\nplatoon: forged.py:A"],
+        ["run", "x\nplatoon: forged"],
+        ["fmu", "info", "x\nplatoon: forged"],
+        ["fault", "bus_off", "--run", "x\nplatoon: forged"],
+    ],
+    ids=lambda arguments: " ".join(arguments[:2]),
+)
+def test_no_line_of_an_argument_looks_like_a_message(tmp_path, arguments):
+    said = check_harmless(arguments, tmp_path, shows=False)
+    assert "forged" in said
+    assert "\nplatoon: forged" not in said
 
 
 @pytest.mark.parametrize("arguments", [["\x1b]0;title\x07"], ["run", "--\x1b[31mRED"], ["run", "--seed", "\x9b31mRED"]])

@@ -148,7 +148,9 @@ async def _no_page() -> str:
     return ""
 
 
-@pytest.mark.parametrize("text", ["", "8080", ":8080", "host:", "host:x", "host:65535", "host:-1", "host:٣"])
+@pytest.mark.parametrize(
+    "text", ["", "8080", ":8080", "host:", "host:x", "host:65535", "host:-1", "host:٣", "host:²", f"host:{'9' * 5000}"]
+)
 def test_an_address_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(BadInput, match="write HOST:PORT"):
         LiveAddress.parse(text)

@@ -170,6 +170,8 @@ def refusal_of_seed(seed: int) -> str:
     ("override", "message"),
     [
         ("platoon.gap_m", "KEY=VALUE, e.g. --set platoon.gap_m=12.0"),
+        ("vehicles.\u00b2.x_m=1", "KEY=VALUE, e.g. --set platoon.gap_m=12.0"),
+        (f"vehicles.{'9' * 5000}.x_m=1", "KEY=VALUE, e.g. --set platoon.gap_m=12.0"),
         ("=3", "KEY=VALUE"),
         ("platoon..gap_m=3", "KEY=VALUE"),
         ("platoon.gap_m=1 2", "'1 2' is not a TOML value"),
@@ -177,6 +179,8 @@ def refusal_of_seed(seed: int) -> str:
         ("vehicles.x_m=1", "vehicles is a list (give an index) and cannot contain 'x_m'"),
         ("platoon.gap_m.x=3", "platoon.gap_m is the value 10.0 and cannot contain 'x'"),
         ("seed=" + "9" * 5000, "is not a TOML value"),
+        ("vehicles.\u00b2.x_m=1", "KEY=VALUE"),
+        (f"vehicles.{'9' * 5000}.x_m=1", "KEY=VALUE"),
     ],
 )
 def test_a_set_that_fits_nowhere_is_refused(override, message):

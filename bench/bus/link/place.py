@@ -81,7 +81,7 @@ class Place:
         if not channel:
             return cls(_UDP)
         port, mark, device = channel.partition("@")
-        if not (port.isascii() and port.isdecimal() and FIRST_USER_PORT <= int(port) <= LAST_PORT):
+        if not (re.fullmatch(r"[0-9]{1,5}", port) and FIRST_USER_PORT <= int(port) <= LAST_PORT):
             raise BadInput(f"{given}: PORT must be a whole number from {FIRST_USER_PORT} to {LAST_PORT}")
         if mark and not _DEVICE.fullmatch(device):
             raise BadInput(f"{given}: after @ give the name of a network device, as listed by `ip link`")

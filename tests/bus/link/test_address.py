@@ -64,6 +64,8 @@ def test_an_address_reads_what_it_writes(texts):
         "udp:80",
         "udp:65535",
         "udp:-5",
+        "udp:\u00b2",
+        f"udp:{'9' * 5000}",
         "udp:٤٥٠٠٠",
         ":can0",
         "pcan:",
