@@ -8,7 +8,10 @@ import typer
 LOGS = Path("logs")
 """Where runs land if not told otherwise, in the working directory."""
 
-EXIT_CODES = "Exit codes: 0 done, 1 the run failed, formed no platoon or had vehicles too near each other, 2 bad input."
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 the run failed, formed no platoon, had vehicles nearer than 4 m or commands that are not "
+    "numbers, 2 bad input."
+)
 
 Log = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
 ScenarioName = Annotated[
