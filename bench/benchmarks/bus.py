@@ -28,7 +28,7 @@ from bench.bus.node import serve
 from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.wire.timing import BusTimeline
-from bench.cycle import CYCLE_MS, CYCLE_S
+from bench.cycle import CYCLE_MS, CYCLE_S, time_of
 from bench.ecu.base import Health, Outgoing, Signals, Topic
 from bench.ecu.runtime import EcuNode
 from bench.errors import BadInput
@@ -193,7 +193,8 @@ def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
 
         def trip() -> float:
             nonlocal cycle
-            link.send(*codec.encode(BENCH_SYNC, {"Command": BenchCommand.RUN, "Cycle": cycle, "Time": 0.0}, cycle))
+            sync = {"Command": BenchCommand.RUN, "Cycle": cycle, "Time": time_of(cycle)}
+            link.send(*codec.encode(BENCH_SYNC, sync, cycle))
             time.sleep(SETTLE_S)
             link.receive()
             started = time.perf_counter()
@@ -208,7 +209,9 @@ def _through_an_ecu(address: Address, codec: Codec) -> Iterator[Trip]:
                         return time.perf_counter() - started
 
         yield trip
-        link.send(*codec.encode(BENCH_SYNC, {"Command": BenchCommand.STOP, "Cycle": cycle, "Time": 0.0}, cycle))
+        link.send(
+            *codec.encode(BENCH_SYNC, {"Command": BenchCommand.STOP, "Cycle": cycle, "Time": time_of(cycle)}, cycle)
+        )
 
 
 def _serve_ecu(address: Address, ready: socket.socket) -> None:

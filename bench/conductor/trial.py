@@ -105,8 +105,9 @@ def _try(
         os.write(writer, json.dumps({"spec": spec, "problem": problem, "done": done}).encode() + b"\n")
 
     spec = ""
-    # What an ECU prints is not the result of the command.
+    # What an ECU prints is not the result of the command; this stream keeps no line back if the process is killed.
     os.dup2(2, 1)
+    sys.stdout = sys.stderr
     try:
         for slot in slots:
             spec = ecus[slot.role]
@@ -118,6 +119,5 @@ def _try(
     except BaseException as error:  # noqa: BLE001 - the process ends here, whatever happened
         report(spec, f"ECU {spec!r}: it cannot be created: {described(error)}")
     finally:
-        sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)

@@ -385,7 +385,7 @@ def test_the_named_platform_takes_precedence_over_native(monkeypatch):
     monkeypatch.setattr("platform.system", lambda: "Linux")
     monkeypatch.setattr("platform.machine", lambda: "x86_64")
     (compiler,) = compilers(["native", "x86_64-linux", "x86_64-linux"])
-    assert "ziglang" in compiler.command
+    assert Path(compiler.command[0]).parent.name == "ziglang"
 
 
 def test_native_says_where_it_cannot_be_built(monkeypatch):
