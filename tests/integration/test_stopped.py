@@ -58,8 +58,7 @@ def test_the_same_in_real_time(start, name: str, number: signal.Signals) -> None
     run.await_time(0.2)
     os.kill(run.pid_of(name), number)
     code, _, errors = run.end()
-    # The plant answers for nobody, but its actuators' timeouts are its own: without it vehicles do not move.
-    fine = number == signal.SIGSTOP and name in ("fork server", "plant")
+    fine = number == signal.SIGSTOP and name == "fork server"
     assert code == (0 if fine else 1), errors
     assert "Traceback" not in errors
     run.assert_all_gone()
