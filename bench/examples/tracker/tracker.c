@@ -67,6 +67,7 @@ struct tracker {
     bool open;    /* the cycle waits for its step */
     bool realtime;
     uint32_t cycle;
+    uint32_t ahead;     /* in virtual time, of a BenchSync beyond the next: some were lost, or it is false; 0 if none */
     unsigned announced; /* which of its commands are announced as absent in this cycle, a bit each */
     int64_t opened_ms;
     bool has_reference;
@@ -180,12 +181,15 @@ static void step(struct tracker *tracker) {
 
 /* --- receiving --- */
 
-/* Whether the counter and time of a BenchSync are those of its cycle, and that follows the cycles before. */
-static bool follows(const struct tracker *tracker, const struct vehicle_bench_sync_t *sync) {
+/* Whether the counter and time of a BenchSync are those of its cycle. */
+static bool is_consistent(const struct vehicle_bench_sync_t *sync) {
     uint32_t time_ms = sync->cycle < LARGEST_TIME / CYCLE_MS ? sync->cycle * CYCLE_MS : LARGEST_TIME;
-    if (sync->alive_counter != sync->cycle % E2E_COUNTER_MODULUS || sync->time != time_ms) {
-        return false;
-    }
+    return sync->alive_counter == sync->cycle % E2E_COUNTER_MODULUS && sync->time == time_ms;
+}
+
+/* Whether the cycle of a consistent BenchSync follows those before. In virtual time one beyond the next does if it is
+ * the second in a row: while this process was stopped, its receive queue may have overflowed. */
+static bool follows(const struct tracker *tracker, const struct vehicle_bench_sync_t *sync) {
     if (!tracker->certain) {
         return sync->command != SYNC_STOP && !(tracker->heard && sync->cycle == tracker->cycle);
     }
@@ -196,8 +200,10 @@ static bool follows(const struct tracker *tracker, const struct vehicle_bench_sy
     if ((sync->command == SYNC_RUN_REALTIME) != tracker->realtime) {
         return false;
     }
-    int64_t latest = next + AHEAD_CYCLES + (now_ms() - tracker->opened_ms) / CYCLE_MS;
-    return sync->cycle == next || (tracker->realtime && sync->cycle > next && sync->cycle <= latest);
+    if (!tracker->realtime) {
+        return sync->cycle == next || (tracker->ahead > 0 && sync->cycle == tracker->ahead + 1);
+    }
+    return sync->cycle >= next && sync->cycle <= next + AHEAD_CYCLES + (now_ms() - tracker->opened_ms) / CYCLE_MS;
 }
 
 /* Takes a BenchSync; whether it is Stop. */
@@ -206,8 +212,13 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
     size_t length = frame->can_dlc == VEHICLE_BENCH_SYNC_LENGTH ? frame->can_dlc : 0;
     /* Its cycle tells more than its counter. */
     bool whole = e2e_check(&tracker->sync, frame->data, length) != E2E_ERROR;
-    if (!whole || vehicle_bench_sync_unpack(&sync, frame->data, frame->can_dlc) != 0 || !follows(tracker, &sync)) {
+    if (!whole || vehicle_bench_sync_unpack(&sync, frame->data, frame->can_dlc) != 0 || !is_consistent(&sync)) {
         tracker->errors++;
+        return false;
+    }
+    if (!follows(tracker, &sync)) {
+        tracker->errors++;
+        tracker->ahead = sync.command == SYNC_RUN && sync.cycle > tracker->cycle ? sync.cycle : 0;
         return false;
     }
     if (sync.command == SYNC_STOP) {
@@ -223,6 +234,7 @@ static bool take_sync(struct tracker *tracker, const struct can_frame *frame) {
     tracker->errors_at_sync = tracker->errors;
     tracker->realtime = sync.command == SYNC_RUN_REALTIME;
     tracker->cycle = sync.cycle;
+    tracker->ahead = 0;
     tracker->opened_ms = now_ms();
     return false;
 }
