@@ -19,10 +19,10 @@ import time
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
+from bench.bus.absence import BENCH_ABSENT, read_absence
 from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status, check
+from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status
 from bench.bus.link.base import Link
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC, Sync, read_sync
@@ -350,11 +350,11 @@ class Inbox:
         return cycle == bus.opened + 1 if bus.opened >= 0 else self.cycle <= cycle <= self.opened + 1
 
     def _note_absent(self, bus: _Bus, data: bytes) -> None:
-        if self.realtime or len(data) != 8 or not check(data, bus.codec.data_id(BENCH_ABSENT)):
+        absence = None if self.realtime else read_absence(bus.codec, data)
+        if absence is None:
             bus.errors += 1
             return
-        values = bus.codec.decode(bus.absent_id, data)[1]
-        identifier, cycle = int(values["Identifier"]), int(values["Cycle"])
+        identifier, cycle = absence
         if cycle > self._newest(bus) + 1 or not self._plan.has_opened(cycle, realtime=False):
             bus.errors += 1
             return

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
+from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, protect
 from bench.bus.frame import BusFrame, CanFrame
@@ -19,7 +20,6 @@ from bench.errors import BadInput
 from bench.faults.base import Fault, FrameContext, Memory
 from bench.faults.plan import FaultPlan, Faults, is_off
 
-BENCH_ABSENT = "BenchAbsent"
 LARGEST_FRAME_BITS = 135
 """A frame of 8 bytes with a short identifier and the maximum number of stuff bits (Davis et al. 2007, equation 1)."""
 

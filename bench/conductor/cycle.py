@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from bench.bus.absence import BENCH_ABSENT, read_absence
 from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame, CanFrame, RefusedFrame
 from bench.bus.network import Transmission, transmissions
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
 from bench.conductor.refusals import Refusals
@@ -139,8 +139,8 @@ class CycleFrames:
     def _waits_for(self, bus: str, can_id: int, data: bytes) -> bool:
         """Return whether the cycle waits for this frame that no DBC file makes due, and take it."""
         if can_id == self._absent_id[bus]:
-            values = self._codecs[bus].decode(can_id, data)[1]
-            return values["Cycle"] == self.number and self.give_up(bus, int(values["Identifier"]))
+            absence = read_absence(self._codecs[bus], data)
+            return absence is not None and absence.cycle == self.number and self.give_up(bus, absence.can_id)
         if self._extra.get((bus, can_id)):
             self._extra[bus, can_id] -= 1
             self._count -= 1

@@ -8,9 +8,9 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from bench.bus.absence import BENCH_ABSENT
 from bench.bus.control_channel import Truth
 from bench.bus.frame import BusFrame, CanFrame
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.conductor.conducting import PROGRESS_CYCLES, Conductor, Means, OnProgress
 from bench.conductor.crew import Crew, Ended

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bench.bus.absence import BENCH_ABSENT, read_absence
 from bench.bus.codec import Codec
-from bench.bus.e2e import check
 from bench.bus.frame import BusFrame
 from bench.bus.network import EcuSlot
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC, read_sync
 from bench.bus.topic import Topic
@@ -184,10 +183,8 @@ class EcuLog:
     def absent(self, frame: BusFrame) -> int | None:
         """Return which identifier a frame announces as absent, None where it does not."""
         bus, can_id, data = frame
-        codec = self.codecs[bus]
-        if can_id != self._absent_ids[bus] or len(data) != 8 or not check(data, codec.data_id(BENCH_ABSENT)):
-            return None
-        return int(codec.decode(can_id, data)[1]["Identifier"])
+        absence = read_absence(self.codecs[bus], data) if can_id == self._absent_ids[bus] else None
+        return None if absence is None else absence.can_id
 
     def cycle(self, number: int) -> list[BusFrame]:
         """Return all frames of a cycle on the ECU's buses: BenchSync first, what is announced as absent last.

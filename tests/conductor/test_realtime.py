@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from bench.analysis.timing import NodeTiming, Timing, timing
+from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import load_codecs
 from bench.bus.control_channel import Truth
 from bench.bus.frame import CanFrame
 from bench.bus.link.address import Address
 from bench.bus.link.direct import DirectLink, Hub
 from bench.bus.link.opening import open_link
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.states import BenchCommand
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic

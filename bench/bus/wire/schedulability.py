@@ -14,10 +14,10 @@ from functools import partial
 
 import numpy as np
 
+from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import Codec
 from bench.bus.link.base import EXTENDED
 from bench.bus.network import transmissions
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.wire.frame_length import longest_bits, priority
 from bench.cycle import CYCLE_NS
 from bench.errors import BadInput

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import Codec
 from bench.bus.network import transmissions
-from bench.bus.outbox import BENCH_ABSENT
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
