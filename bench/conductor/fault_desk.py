@@ -192,11 +192,6 @@ class RunningBench:
         return run in self.name or run in self.log
 
 
-def running() -> list[str]:
-    """Return the names of this user's running benches: process number and log."""
-    return listening_names()
-
-
 def running_benches(part: str = "") -> tuple[list[RunningBench], list[str]]:
     """Return this user's running benches, and what is wrong with others that look like them.
 

@@ -36,12 +36,7 @@ def set_name(name: str) -> None:
 
 def is_stopped(pid: int) -> bool:
     """Whether a process has been stopped by a signal (SIGSTOP), or by a debugger."""
-    try:
-        with open(f"/proc/{pid}/stat") as stat:  # noqa: PTH123 - as everywhere here
-            # The name, in parentheses, may contain any character.
-            return stat.read().rpartition(")")[2].split()[0] in "Tt"
-    except (OSError, IndexError):
-        return False
+    return _stat_after_name(pid)[:1] in (["T"], ["t"])
 
 
 @contextmanager
@@ -182,10 +177,12 @@ def _prctl(request: int, argument: int | bytes) -> None:
 
 def processor_time(pid: int) -> float:
     """Return the processor time of a process in s; 0 if it has ended."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text()
-    except OSError:
-        return 0.0
-    # The name, in brackets, may contain spaces and brackets.
-    fields = stat.rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, _stat_after_name(pid)[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+def _stat_after_name(pid: int) -> list[str]:
+    """Return the fields of proc(5)'s /proc/PID/stat from the third, the state, on; empty if the process has ended."""
+    with suppress(OSError):
+        # The name, in parentheses, may contain any character.
+        return Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    return []

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from bench.bus.link.address import Address
-from bench.conductor.fault_desk import ask, running
+from bench.conductor.fault_desk import ask
+from bench.conductor.fault_socket import listening_names
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BadInput
@@ -138,7 +139,7 @@ def test_a_run_does_not_go_on_without_its_plant(start) -> None:
 def test_a_fault_is_brought_to_a_running_bench(start) -> None:
     run_ = start(set=["duration_s=2.0"])
     run_.await_time(0.2)
-    (name,) = [name for name in running() if name.startswith(f"{run_.process.pid}-")]
+    (name,) = [name for name in listening_names() if name.startswith(f"{run_.process.pid}-")]
     with pytest.raises(BadInput, match=r"mu = 0\.01 is not allowed; allowed: a finite number from 0\.05 to 1\.5"):
         ask(name, {"kind": "ice_patch", "mu": 0.01})
     with pytest.raises(BadInput, match=r'the fault has the kind "earthquake"; allowed: one of .*frame_loss, '):
@@ -162,7 +163,7 @@ def test_a_fault_is_brought_to_a_running_bench(start) -> None:
     code, _, errors = run_.end()
     assert (code, errors) == (0, "")
     run_.assert_all_gone()
-    assert name not in running()
+    assert name not in listening_names()
     recorded = Run(run_.out)
     assert [(time, fields["fault"]) for time, _, fields in told(recorded, "fault")] == sorted(
         [

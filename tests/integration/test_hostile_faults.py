@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.conductor.fault_desk import ask, running, running_benches
-from bench.conductor.fault_socket import address_of
+from bench.conductor.fault_desk import ask, running_benches
+from bench.conductor.fault_socket import address_of, listening_names
 from bench.errors import BadInput
 from bench.events import FaultRequested
 from bench.record.reader import Run
@@ -29,8 +29,8 @@ NOBODY = 65534
 
 def name_of(pid: int) -> str:
     """Name of the bench with this process number, once it listens."""
-    wait_until(lambda: any(name.startswith(f"{pid}-") for name in running()), "the bench to listen")
-    (name,) = [name for name in running() if name.startswith(f"{pid}-")]
+    wait_until(lambda: any(name.startswith(f"{pid}-") for name in listening_names()), "the bench to listen")
+    (name,) = [name for name in listening_names() if name.startswith(f"{pid}-")]
     return name
 
 
@@ -293,7 +293,7 @@ def test_the_bench_started_here_is_reached_and_another_only_by_name(tmp_path: Pa
         assert str(here) in done.stdout
         with pytest.raises(BadInput, match="no running bench has 'nonsense' in its name"):
             ask("nonsense", {"kind": "ice_patch"})
-        assert name in running()
+        assert name in listening_names()
         second = begun(here, "--out", "second.mcap")
         try:
             name_of(second.pid)
@@ -307,7 +307,7 @@ def test_the_bench_started_here_is_reached_and_another_only_by_name(tmp_path: Pa
     finally:
         bench.send_signal(signal.SIGINT)
         bench.communicate(timeout=GUARD_S)
-    assert name not in running()
+    assert name not in listening_names()
 
 
 def test_a_bench_that_begins_no_cycle_says_so(tmp_path: Path) -> None:
@@ -328,5 +328,5 @@ def test_a_killed_bench_leaves_no_socket(start) -> None:
     run.await_time(0.1)
     name = name_of(run.process.pid)
     os.kill(run.process.pid, signal.SIGKILL)
-    wait_until(lambda: name not in running(), "the socket to be gone")
+    wait_until(lambda: name not in listening_names(), "the socket to be gone")
     run.assert_all_gone()
