@@ -73,7 +73,7 @@ def _showing_steps() -> Iterator[Callable[["Step"], None]]:
         return
     from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    from bench.cli.output import progress
+    from bench.cli.terminal import progress
 
     columns = (SpinnerColumn(), BarColumn(20), TimeElapsedColumn(), TextColumn("{task.description}"))
     with progress(*columns, transient=True) as bars:

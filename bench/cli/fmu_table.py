@@ -8,7 +8,8 @@ from rich.console import ConsoleOptions, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from bench.cli.output import Terminal, one_line, shown
+from bench.cli.output import one_line, shown
+from bench.cli.terminal import Terminal
 from platoon_fmu.checks.findings import Check, Outcome
 from platoon_fmu.info import CAUSALITIES, VARIABILITIES, FmuInfo, Value, VariableInfo
 

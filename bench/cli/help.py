@@ -10,10 +10,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import typer
-from rich.text import Text
 from typer.core import TyperCommand, TyperGroup
-
-from bench.cli.output import Terminal
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
@@ -54,6 +51,10 @@ class _Help:
         page = str(super().get_help(ctx)).translate(_PLAIN)  # type: ignore[misc]
         if not sys.stdout.isatty():
             return page
+        from rich.text import Text
+
+        from bench.cli.terminal import Terminal
+
         terminal = Terminal()
         for line in page.splitlines():
             heading = _HEADING.match(line)

@@ -3,10 +3,9 @@
 from typing import Annotated
 
 import typer
-from rich.text import Text
 
 from bench.cli.options import LOGS
-from bench.cli.output import Terminal, shown
+from bench.cli.output import shown
 
 
 def add_machine(app: typer.Typer) -> None:
@@ -38,7 +37,10 @@ def vcan(
 
 def doctor() -> None:
     """Report what this machine can do and how to install what is missing. Exit code 1 if no run would work."""
+    from rich.text import Text
+
     from bench.cli.doctor import examine
+    from bench.cli.terminal import Terminal
 
     terminal, can_run = Terminal(), True
     for finding in examine(LOGS):

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from bench.cli.output import Terminal, message, one_line, progress
+from bench.cli.output import message, one_line
+from bench.cli.terminal import Terminal, progress
 
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
     from bench.analysis.metrics import Metrics
