@@ -29,6 +29,7 @@ ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tra
 .DELETE_ON_ERROR:
 
 setup: $(WARM)
+	@$(BIN)/python -m bench.compiled.build
 
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)
@@ -47,7 +48,7 @@ test: setup $(DEVELOP) coverage
 
 # Compiled code cannot be traced, so it is interpreted here.
 coverage: setup $(DEVELOP)
-	NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
+	PLATOON_INTERPRETED=1 NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
 	$(BIN)/coverage report
 
 # Some 1,800 mutants, one per core at a time.
@@ -147,5 +148,6 @@ $(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.* platoon_fmu/fmi/*)
 
 # Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycle.
 $(WARM): $(FMU) $(wildcard bench/control/*.py)
+	@$(BIN)/python -m bench.compiled.build
 	$(BIN)/python -m bench.cli.warm_up
 	@touch $@

@@ -12,6 +12,13 @@ from typing import Any
 
 import pytest
 
+from bench.compiled.build import compile_modules
+from bench.compiled.finder import install, is_wanted
+
+if is_wanted():
+    compile_modules()
+    install()
+
 Tries = Callable[[Any, Any], Any]
 Once = Callable[[str, Callable[[Path], object]], Path]
 

@@ -1,0 +1,198 @@
+"""Compiles the hot modules: `make setup` calls it, an installed package before its first run.
+
+Cython translates each file to C, the system's C compiler makes a library of it. A library is kept by the hash of all
+that it is made from, so only what has changed is compiled again.
+"""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from bench.compiled.finder import (
+    INTERPRETED,
+    ROOT,
+    SUFFIX,
+    current_libraries,
+    declarations,
+    library_folder,
+    source_of,
+    sources_hash,
+)
+from bench.compiled.modules import COMPILED
+from bench.errors import BadInput
+from platoon_fmu.compilers import compilers
+from platoon_fmu.errors import FmuError
+from platoon_fmu.interpreter import python
+
+# -ffp-contract=off: the same results on every processor. -fwrapv: as Python's own extensions.
+FLAGS = ("-O2", "-fPIC", "-shared", "-fwrapv", "-ffp-contract=off", "-fvisibility=hidden", "-DNDEBUG", "-w")
+"""Options of the C compiler."""
+
+KEPT = 3
+"""Number of states of the sources whose libraries are kept: a process that still runs may load more of its own."""
+
+
+def compile_modules(say: Callable[[str], None] = lambda _: None) -> Path:
+    """Compile what has no current library; return the folder with all of them.
+
+    Args:
+        say: called with what takes a while.
+
+    Raises:
+        BadInput: there is no C compiler, no header file of Python, no place for the libraries, or a file cannot be
+            compiled; the message says how to mend it.
+    """
+    current_libraries.cache_clear()
+    found = current_libraries()
+    if found is not None:
+        return found
+    root = library_folder()
+    try:
+        objects = root / "objects"
+        objects.mkdir(parents=True, exist_ok=True)
+        keys = {name: _key(name) for name in COMPILED}
+        missing = [name for name, key in keys.items() if not (objects / f"{key}{SUFFIX}").is_file()]
+        if missing:
+            say(f"compiling {len(missing)} modules (about a minute)")
+            _compile([(name, objects / f"{keys[name]}{SUFFIX}") for name in missing])
+        folder = _collected(root, {name: objects / f"{key}{SUFFIX}" for name, key in keys.items()})
+    except OSError as error:
+        raise BadInput(
+            f"compiled modules cannot be written to {root}: {error.strerror}; set XDG_CACHE_HOME to a writable folder"
+        ) from error
+    current_libraries.cache_clear()
+    _forget_old(root)
+    return folder
+
+
+def _key(module: str) -> str:
+    """Return a hash of all that a module's library is made from."""
+    facts = [SUFFIX, metadata.version("cython"), *FLAGS, module, source_of(module).read_text(encoding="utf-8")]
+    facts += [file.read_text(encoding="utf-8") for file in declarations()]
+    return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
+
+
+def _collected(root: Path, libraries: dict[str, Path]) -> Path:
+    """Put the libraries into the folder of the present sources, which appears whole or not at all."""
+    folder = root / sources_hash()
+    partial = Path(tempfile.mkdtemp(dir=root, prefix=".part-"))
+    try:
+        partial.chmod(0o755)
+        for name, library in libraries.items():
+            os.link(library, partial / f"{name}{SUFFIX}")
+        # Another process may have been first.
+        with suppress(OSError):
+            partial.rename(folder)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return folder
+
+
+def _forget_old(root: Path) -> None:
+    folders = sorted(
+        (folder for folder in root.iterdir() if folder.name != "objects"), key=lambda each: each.stat().st_mtime_ns
+    )
+    for folder in folders[:-KEPT]:
+        shutil.rmtree(folder, ignore_errors=True)
+    for library in (root / "objects").iterdir():
+        # A library that no folder has any more.
+        with suppress(OSError):
+            if library.stat().st_nlink == 1:
+                library.unlink()
+
+
+def _compile(work: Sequence[tuple[str, Path]]) -> None:
+    """Compile modules to these libraries, in as many processes as there are cores."""
+    command = _c_compiler()
+    workers = min(len(work), os.cpu_count() or 1)
+    # The longest first, dealt in turn.
+    ordered = sorted(work, key=lambda each: -source_of(each[0]).stat().st_size)
+    shares = [ordered[worker::workers] for worker in range(workers)]
+    processes = [
+        python(
+            "bench.compiled.build",
+            "\n".join(command),
+            *(f"{name}={library}" for name, library in share),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            settings={INTERPRETED: "1"},
+        )
+        for share in shares
+    ]
+    told = [process.communicate()[1].decode(errors="replace").strip() for process in processes]
+    for process, text in zip(processes, told, strict=True):
+        if process.returncode:
+            raise BadInput(f"a module cannot be compiled:\n{text}")
+
+
+def _c_compiler() -> list[str]:
+    """Return the beginning of the command that compiles a C file to a library.
+
+    Raises:
+        BadInput: there is no C compiler, or no header file of Python.
+    """
+    try:
+        compiler = compilers(["native"])[0]
+    except FmuError as error:
+        raise BadInput(str(error)) from error
+    include = Path(sysconfig.get_paths()["include"])
+    if not (include / "Python.h").is_file():
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise BadInput(
+            f"{include / 'Python.h'} is missing: the bench's hot modules are compiled; on Debian: "
+            f"apt install python3-dev (or python{version}-dev)"
+        )
+    return [compiler.command[0], *FLAGS, f"-I{include}"]
+
+
+def main() -> None:
+    """Without arguments compile all that is not current; a worker has the C compiler's command and its share."""
+    if len(sys.argv) == 1:
+        compile_modules(lambda text: print(text, flush=True))  # noqa: T201 - for make
+        return
+    command = sys.argv[1].split("\n")
+    try:
+        for share in sys.argv[2:]:
+            name, _, library = share.partition("=")
+            _translate_and_compile(name, Path(library), command)
+    except _NotCompiled as error:
+        sys.exit(str(error))
+
+
+class _NotCompiled(Exception):
+    """Cython or the C compiler has refused a file."""
+
+
+def _translate_and_compile(module: str, library: Path, command: Sequence[str]) -> None:
+    from Cython.Compiler import Main
+
+    with tempfile.TemporaryDirectory(dir=library.parent, prefix=".part-") as folder:
+        c_file = Path(folder, "module.c")
+        translate: Any = Main.compile
+        result = translate(
+            str(source_of(module)),
+            output_file=str(c_file),
+            include_path=[str(ROOT)],
+            full_module_name=module,
+            language_level=3,
+        )
+        if result.num_errors:
+            raise _NotCompiled(f"{source_of(module)}: Cython cannot translate it")
+        built = Path(folder, library.name)
+        done = subprocess.run([*command, str(c_file), "-o", str(built)], capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise _NotCompiled(f"{source_of(module)}: {done.stderr.strip()}")
+        built.replace(library)
+
+
+if __name__ == "__main__":
+    main()
