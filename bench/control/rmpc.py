@@ -8,6 +8,7 @@ reported tau is the one that it proves.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 
 from bench.control.certificate import proven_cost
 from bench.control.compiled import njit
-from bench.control.outcome import SolverStatus
-from bench.control.robust_program import Answer, RobustProgram
+from bench.control.outcome import GainSource, SolverStatus
+from bench.control.robust_program import Answer, Program
 from bench.control.vehicle_model import LinearModel
 from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN
 
@@ -42,6 +43,7 @@ class Gain:
         tau: bound of the worst-case cost from chi, scaled units.
         status: outcome of the solver, or CHECK_FAILED if the certificate rejected its result.
         iterations: of the solver, in the program that gave this result.
+        source: the kind of program that gave this result.
     """
 
     K: Matrix
@@ -49,6 +51,7 @@ class Gain:
     tau: float
     status: SolverStatus
     iterations: int
+    source: GainSource = GainSource.SDP
 
     @property
     def usable(self) -> bool:
@@ -59,16 +62,15 @@ class Gain:
 class RobustController:
     """Solves the semidefinite program of one step and certifies the result.
 
-    Near the target the input bounds are inactive. So the program is first solved without them, in two thirds of the
-    time: a result that satisfies them is also the optimum with them. Otherwise it is solved again with the bounds.
+    Several programs are tried in turn, the fastest first; the next one is used only if the certificate rejects the
+    result of the one before.
 
     Args:
         state_scale: (3,) unit of each state in the program (m/s, m/s, rad/s).
         input_scale: (m,) unit of each input in the program.
         input_weight: R = input_weight I in scaled units, against Q = I.
+        programs: tried in turn, see `robust_program.programs`.
         independent: lambda_f and lambda_r vary independently; otherwise lambda_f = lambda_r as in the paper.
-        tolerance: of the solver; the certificate covers its error.
-        max_iterations: of the solver.
     """
 
     def __init__(
@@ -76,10 +78,9 @@ class RobustController:
         state_scale: Vector,
         input_scale: Vector,
         input_weight: float,
+        programs: Sequence[Program],
         *,
         independent: bool,
-        tolerance: float,
-        max_iterations: int,
     ) -> None:
         self._state_scale = state_scale
         self._input_scale = input_scale
@@ -87,17 +88,7 @@ class RobustController:
         low, high = LAMBDA_MIN, LAMBDA_MAX
         corners = [(high, high), (low, low), (high, low), (low, high)]
         self._corners = np.array(corners if independent else corners[:2])
-        self._unbounded, self._bounded = (
-            RobustProgram(
-                input_scale.size,
-                input_weight,
-                independent=independent,
-                bounded=bounded,
-                tolerance=tolerance,
-                max_iterations=max_iterations,
-            )
-            for bounded in (False, True)
-        )
+        self._programs = tuple(programs)
 
     def solve(self, model: LinearModel, chi: Vector, u_max: Vector) -> Gain:
         """Return the gain of this step.
@@ -118,12 +109,13 @@ class RobustController:
         room = np.minimum(u_max / u / size, _LARGEST_ROOM)
         models = _vertices(scaled.A, scaled.B, scaled.H, scaled.N1, scaled.N2, self._corners)
 
-        for program in (self._unbounded, self._bounded):
+        for program in self._programs:
             answer = program.solve(scaled, z, room)
             K, tau, status = self._certify(answer, models, z, room)
             if status is not SolverStatus.CHECK_FAILED:
                 break
-        return Gain(K * u[:, None] / x, answer.P * size**2, tau * size**2, status, answer.iterations)
+        gain = K * u[:, None] / x
+        return Gain(gain, answer.P * size**2, tau * size**2, status, answer.iterations, program.source)
 
     def _certify(
         self, answer: Answer, models: tuple[Stack, Stack], z: Vector, room: Vector

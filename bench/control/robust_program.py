@@ -14,12 +14,13 @@ lambda_f != lambda_r.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.compiled import njit
-from bench.control.outcome import SolverStatus
+from bench.control.outcome import GainSource, SolverStatus
 from bench.control.semidefinite import Entry, SemidefiniteProgram
 from bench.control.vehicle_model import LinearModel
 
@@ -54,6 +55,44 @@ class Answer:
     iterations: int
 
 
+class Program(Protocol):
+    """What finds the gain of one step, in scaled units; `RobustController` certifies it before use."""
+
+    source: GainSource
+    """What the bus reports as the source of its gains."""
+
+    def solve(self, model: LinearModel, z: Vector, room: Vector) -> Answer:
+        """Solve for one step.
+
+        Args:
+            model: model with m inputs, in scaled units.
+            z: (3,) deviation in scaled units, of length one.
+            room: (m,) room u_j of each input in scaled units.
+        """
+        ...
+
+
+def programs(
+    m: int, input_weight: float, *, independent: bool, tolerance: float, max_iterations: int
+) -> tuple[Program, ...]:
+    """Return the bench's own programs in the order in which they are tried; arguments as of `RobustProgram`.
+
+    Near the target the input bounds are inactive. So the program is first solved without them, in two thirds of the
+    time: a result that satisfies them is also the optimum with them. Otherwise it is solved again with the bounds.
+    """
+    return tuple(
+        RobustProgram(
+            m,
+            input_weight,
+            independent=independent,
+            bounded=bounded,
+            tolerance=tolerance,
+            max_iterations=max_iterations,
+        )
+        for bounded in (False, True)
+    )
+
+
 class RobustProgram:
     """The program: the structure is set up once; each solve writes its numbers into it.
 
@@ -62,9 +101,11 @@ class RobustProgram:
         input_weight: rho.
         independent: lambda_f and lambda_r vary independently; otherwise lambda_f = lambda_r as in the paper.
         bounded: whether the input bounds are included.
-        tolerance: of the solver.
+        tolerance: of the solver; the certificate covers its error.
         max_iterations: of the solver.
     """
+
+    source = GainSource.SDP
 
     def __init__(
         self,

@@ -1,18 +1,20 @@
 """The tracking level: reference input, observer, target and robust MPC in one step, (21)-(23) and (37)-(62)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.control.allocation import allocate
+from bench.control.allocation import VIRTUAL_INPUTS, allocate
 from bench.control.lqr import lqr_gain
 from bench.control.observer import DisturbanceObserver
 from bench.control.observer_gain import design_gain
 from bench.control.outcome import GainSource, SolverStatus
 from bench.control.reference import reference_input
 from bench.control.rmpc import Gain, RobustController
+from bench.control.robust_program import Program, programs
 from bench.control.settings import TrackerSettings
 from bench.control.target import Target, steady_state_target
 from bench.control.vehicle_model import LinearModel, VehicleModel
@@ -69,6 +71,17 @@ class _Step:
     drift: Vector
 
 
+def own_programs(settings: TrackerSettings) -> tuple[Program, ...]:
+    """Return the programs that the bench's tracker tries in turn."""
+    return programs(
+        VIRTUAL_INPUTS,
+        settings.input_weight,
+        independent=settings.independent_axles,
+        tolerance=settings.solver_tolerance,
+        max_iterations=settings.solver_max_iterations,
+    )
+
+
 class Tracker:
     """Tracks [v_x, gamma] references without offset, for every cornering stiffness in the allowed range.
 
@@ -76,6 +89,7 @@ class Tracker:
         settings: weights and limits.
         vehicle: nominal parameters.
         step_s: cycle time T, s.
+        solvers: what finds the feedback gain, tried in turn; None for `own_programs`.
 
     Raises:
         ValueError: the observer rate cannot be reached.
@@ -87,7 +101,13 @@ class Tracker:
     _REFERENCE_INPUT = np.array([1e-7, 1e-7, 1e-5])
     _OBSERVER_SPEEDS_MPS = (5.0, 10.0, 20.0, 40.0)
 
-    def __init__(self, settings: TrackerSettings, vehicle: VehicleParameters, step_s: float) -> None:
+    def __init__(
+        self,
+        settings: TrackerSettings,
+        vehicle: VehicleParameters,
+        step_s: float,
+        solvers: Sequence[Program] | None = None,
+    ) -> None:
         self.settings = settings
         self.model = VehicleModel(vehicle, step_s)
         self._allocation = allocate(
@@ -108,9 +128,8 @@ class Tracker:
             self._state_unit,
             self._input_unit,
             settings.input_weight,
+            own_programs(settings) if solvers is None else solvers,
             independent=settings.independent_axles,
-            tolerance=settings.solver_tolerance,
-            max_iterations=settings.solver_max_iterations,
         )
         straight = [self.model.linearise(np.array([v, 0.0, 0.0]), np.zeros(5)).A for v in self._OBSERVER_SPEEDS_MPS]
         self._observer = DisturbanceObserver(design_gain(straight, step_s, settings.observer_rate), step_s)
@@ -207,7 +226,7 @@ class Tracker:
         """Return the certified gain of this step, else the last certified gain, else the nominal LQR gain."""
         if gain.usable:
             self._gain_last = gain.K
-            return gain.K, GainSource.SDP
+            return gain.K, gain.source
         if self._gain_last is not None:
             return self._gain_last, GainSource.PREVIOUS_GAIN
         Q = np.diag(self._state_unit**-2.0)

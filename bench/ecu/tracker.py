@@ -1,7 +1,7 @@
 """The tracker ECU: measured motion and the planner's reference in, steering and wheel-torque commands out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from time import perf_counter
 
 import numpy as np
@@ -15,9 +15,10 @@ from bench.bus.topic import Outgoing, Signals, Topic
 from bench.control.allocation import virtual_input
 from bench.control.brake_steering import BrakeSteering
 from bench.control.outcome import GainSource, SolverStatus
+from bench.control.robust_program import Program
 from bench.control.settings import TrackerSettings
 from bench.control.slow_down import slow_down
-from bench.control.tracker import Tracker, TrackerOutput
+from bench.control.tracker import Tracker, TrackerOutput, own_programs
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible, timeout_cycles
 from bench.ecu.plausibility import OwnMotion, OwnState
@@ -74,7 +75,7 @@ class TrackerEcu:
         self.name = EcuSlot("tracker", vehicle).name
         self._bus = vehicle_bus(vehicle)
         self._parameters = VehicleParameters()
-        self._tracker = Tracker(scenario.tracker, self._parameters, CYCLE_S)
+        self._tracker = Tracker(scenario.tracker, self._parameters, CYCLE_S, self.solvers(scenario.tracker))
         self._brake_steering = BrakeSteering(self._parameters, scenario.tracker.wheel_force_max_n, CYCLE_S)
         self._braking = scenario.planner.slow_down_mps2
         self._crawl = scenario.planner.speed_min_mps
@@ -96,10 +97,19 @@ class TrackerEcu:
         self._disturbed = 0
         self._calm = CALM_CYCLES
 
-    @staticmethod
-    def warm_up() -> None:
+    @classmethod
+    def solvers(cls, settings: TrackerSettings) -> Sequence[Program]:
+        """Return what finds the feedback gain, tried in turn until the certificate accepts a result.
+
+        A class that overrides this tries a robust MPC of its own in the otherwise unchanged tracker.
+        """
+        return own_programs(settings)
+
+    @classmethod
+    def warm_up(cls) -> None:
         """Load the compiled functions by calling them once, for all processes forked afterwards."""
-        tracker = Tracker(TrackerSettings(), VehicleParameters(), CYCLE_S)
+        settings = TrackerSettings()
+        tracker = Tracker(settings, VehicleParameters(), CYCLE_S, cls.solvers(settings))
         tracker.step(np.array([20.0, 0.0, 0.0]), (20.0, 0.0), (20.1, 0.01))
 
     def step(

@@ -7,6 +7,7 @@ import numpy as np
 
 from bench.control.allocation import allocate
 from bench.control.rmpc import Gain, RobustController
+from bench.control.robust_program import programs
 from bench.control.vehicle_model import LinearModel, VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 
@@ -26,9 +27,8 @@ Models = Sequence[tuple[np.ndarray, np.ndarray]]
 def controller(
     independent: bool = True, weight: float = 1.0, tolerance: float = 1e-6, iterations: int = 40
 ) -> RobustController:
-    return RobustController(
-        STATE, INPUT, weight, independent=independent, tolerance=tolerance, max_iterations=iterations
-    )
+    tried = programs(3, weight, independent=independent, tolerance=tolerance, max_iterations=iterations)
+    return RobustController(STATE, INPUT, weight, tried, independent=independent)
 
 
 @dataclass(frozen=True)

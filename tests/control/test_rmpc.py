@@ -8,7 +8,7 @@ import pytest
 
 from bench.control.outcome import SolverStatus
 from bench.control.rmpc import RobustController
-from bench.control.robust_program import RobustProgram
+from bench.control.robust_program import RobustProgram, programs
 from bench.control.vehicle_model import LinearModel
 from tests.control.operating_points import (
     ALLOCATION,
@@ -224,7 +224,8 @@ UNSTABLE = certain(1.05 * np.eye(3), 0.1 * np.eye(3))
 
 
 def unit_controller() -> RobustController:
-    return RobustController(np.ones(3), np.ones(3), 1.0, independent=True, tolerance=1e-6, max_iterations=60)
+    tried = programs(3, 1.0, independent=True, tolerance=1e-6, max_iterations=60)
+    return RobustController(np.ones(3), np.ones(3), 1.0, tried, independent=True)
 
 
 @pytest.mark.parametrize("far", [3.0, 30.0, 1e4])
