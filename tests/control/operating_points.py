@@ -49,16 +49,10 @@ class OperatingPoint:
         return [scaled(A, B) for A, B in self.models(corners)]
 
     def scaled_linear(self) -> LinearModel:
-        """The model in the units of the programme.
-
-        H and N share a factor at will, and the printed form gives more or less with it: with columns and rows of one
-        length its numbers are moderate and it gives about its best.
-        """
+        """The model in the units of the programme."""
         model = self.linear
         A, B = scaled(model.A, model.B)
-        H, N1, N2 = model.H / STATE[:, None], model.N1 * STATE, model.N2 * INPUT
-        share = np.sqrt(np.linalg.norm(np.hstack([N1, N2]), axis=1) / np.linalg.norm(H, axis=0))
-        return LinearModel(A, B, H * share, N1 / share[:, None], N2 / share[:, None])
+        return LinearModel(A, B, model.H / STATE[:, None], model.N1 * STATE, model.N2 * INPUT)
 
 
 def scaled(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
