@@ -1,6 +1,7 @@
 """`platoon run` and what belongs to it: scenarios, single ECUs, faults in a running bench."""
 
 import sys
+from collections.abc import Mapping
 from contextlib import ExitStack
 from datetime import datetime
 from enum import StrEnum
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from bench.analysis.metrics import Metrics
+    from bench.conductor.fork_server_process import ForkServer
     from bench.live.session import LiveSession
     from bench.scenario import Scenario
 
@@ -100,6 +102,7 @@ def run(
     fmu = _prepared_fmu()
 
     with ExitStack() as stack:
+        server = None if address.hub is not None else stack.enter_context(_fork_server(loaded, ecus))
         session = (
             stack.enter_context(_live(log, live_address, live_origin or []))
             if live or live_address or live_origin
@@ -132,6 +135,7 @@ def run(
             on_starting=shown.starting,
             fmu=fmu,
             realtime=clock == "realtime",
+            fork_server=server,
         )
         result = conductor.run(options)
 
@@ -283,6 +287,19 @@ def _live(log: Path, address: str | None, origins: list[str]) -> "AbstractContex
     from bench.live.session import live
 
     return live(log, LiveAddress.parse(address or DEFAULT, origins), _warn)
+
+
+def _fork_server(scenario: "Scenario", ecus: Mapping[str, str]) -> "ForkServer":
+    """Start the process that forks plant and ECUs, which imports them while this one prepares the rest of the run.
+
+    It is forked from here once everything that both need has been imported, and before anything is opened.
+    """
+    from bench.bus.codec import load_codecs
+    from bench.conductor.fork_server_process import fork_server
+    from bench.ecu.loading import DEFAULT_ECUS
+
+    load_codecs(len(scenario.vehicles))
+    return fork_server([each for each in ecus.values() if each in DEFAULT_ECUS.values()])
 
 
 def _prepared_fmu() -> Path:

@@ -5,7 +5,6 @@ import os
 import pickle
 import selectors
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -18,14 +17,15 @@ from bench.bus.control_channel import Kind, ReportReader, Truth, read_note, read
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
 from bench.bus.topic import Topic
+from bench.conductor.fork_server import NAME as _FORK_SERVER
 from bench.conductor.fork_server import Child, Setup
+from bench.conductor.fork_server_process import ForkServer
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.linux import enlarge_pipe, is_stopped, processor_time
 from bench.conductor.patience import PERIOD_S, Patience, Say, listed
 from bench.errors import RunFailed
 from bench.events import EcuNote
 from bench.memory_file import memory_file
-from platoon_fmu.interpreter import python
 
 LAST_WORDS_BYTES = 8192
 """Number of bytes kept from the end of a process's standard error."""
@@ -38,9 +38,6 @@ RESTART_S = 60.0
 
 RESUME_S = 0.1
 """Wall-clock time in s after which stopped processes are resumed, again, at the end of a run."""
-
-_FORK_SERVER = "fork server"
-_THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
 class Ended(RunFailed):
@@ -136,14 +133,12 @@ class Member:
         name: name in messages.
         target: `module:function` to run in it, see `Child`.
         arguments: arguments of the function, after the `ControlChannel`.
-        early: whether it is started before the shared imports.
         on_call: whether it is started only by `Crew.restart`.
     """
 
     name: str
     target: str
     arguments: tuple[object, ...]
-    early: bool = False
     on_call: bool = False
 
 
@@ -173,6 +168,7 @@ class ProcessCrew:
         listener: Listener,
         interrupts: Interrupts,
         board: int,
+        fork_server: ForkServer,
     ) -> None:
         """Start the processes; `wait_ready` waits for them.
 
@@ -183,7 +179,9 @@ class ProcessCrew:
             listener: receives frames, truth rows and output.
             interrupts: signals that end the waiting.
             board: file descriptor of the fault board.
+            fork_server: forks the processes; the crew ends it.
         """
+        self._fork_server = fork_server
         self._inputs: dict[str, Sequence[Topic]] = {}
         self._links = links
         self._listening: list[Link] = []
@@ -197,20 +195,17 @@ class ProcessCrew:
         self._reports_open = True
         self._processes: dict[str, _Process] = {}
         self._selector = selectors.DefaultSelector()
-        stderrs = {name: self._watch_words(name) for name in (_FORK_SERVER, *(member.name for member in members))}
-        children = tuple(
-            Child(m.name, m.target, pickle.dumps(m.arguments), stderrs[m.name], m.early, m.on_call) for m in members
-        )
+        self._watch_words(_FORK_SERVER, fork_server.words)
+        stderrs = [self._with_pipe(member.name) for member in members]
+        children = tuple(Child(m.name, m.target, pickle.dumps(m.arguments), m.on_call) for m in members)
         for member in members:
             if member.on_call:
                 # Do not wait for processes that have not been started.
                 self._processes[member.name].excused, self._processes[member.name].code = True, 0
-        try:
-            setup = Setup(children, tuple(preload), reports, orders, board, os.getpid())
-            self._fork_server = _start(setup, stderrs.pop(_FORK_SERVER))
-        finally:
-            for descriptor in (reports, orders, *stderrs.values()):
-                os.close(descriptor)
+        content = memory_file(pickle.dumps(Setup(children, tuple(preload))))
+        fork_server.set_up([content, reports, orders, board, *stderrs])
+        for descriptor in (content, reports, orders, *stderrs):
+            os.close(descriptor)
         self._register(self._reports, self._take_reports)
         self._register(interrupts.fileno(), self._note_interrupt)
 
@@ -345,33 +340,29 @@ class ProcessCrew:
         """Kill the remaining processes and close the pipes; idempotent."""
         if self._reports < 0:
             return
-        if self._fork_server.stdin is not None:
-            with suppress(BrokenPipeError):
-                self._fork_server.stdin.close()
+        self._fork_server.end_children()
         self._await_end(1.0)
-        try:
-            self._fork_server.wait(1.0)
-        except subprocess.TimeoutExpired:
-            # Its children die with it.
-            self._fork_server.kill()
-            self._fork_server.wait()
         self._selector.close()
+        self._fork_server.end()
         os.close(self._orders)
         os.close(self._reports)
-        for process in self._processes.values():
+        for _, process in self._members():
             os.close(process.stderr)
         self._reports = -1
 
     def _members(self) -> list[tuple[str, _Process]]:
         return [(name, process) for name, process in self._processes.items() if name != _FORK_SERVER]
 
-    def _watch_words(self, name: str) -> int:
+    def _with_pipe(self, name: str) -> int:
         """Register the process `name`; return the writing end of the pipe for its standard error."""
         reader, writer = os.pipe()
         os.set_blocking(reader, False)
+        self._watch_words(name, reader)
+        return writer
+
+    def _watch_words(self, name: str, reader: int) -> None:
         self._processes[name] = _Process(reader)
         self._register(reader, partial(self._take_words, name))
-        return writer
 
     def _register(self, descriptor: int, handler: Callable[[], bool]) -> None:
         self._selector.register(descriptor, selectors.EVENT_READ, handler)
@@ -450,7 +441,7 @@ class ProcessCrew:
 
     def _resume_stopped(self) -> None:
         """Let processes end that somebody has stopped (SIGSTOP)."""
-        self._fork_server.send_signal(signal.SIGCONT)
+        self._fork_server.resume()
         for name, _ in self._members():
             self._signal(name, signal.SIGCONT)
 
@@ -473,27 +464,6 @@ class ProcessCrew:
             process.words += text
         words = bytes(process.words[-LAST_WORDS_BYTES:]).decode(errors="replace").strip()
         return f"; its last output:\n{words}" if words else "; it printed no error"
-
-
-def _start(setup: Setup, stderr: int) -> subprocess.Popen[bytes]:
-    """Start a fork server; its standard input is the lifeline."""
-    content = memory_file(pickle.dumps(setup))
-    try:
-        fork_server = python(
-            "bench.conductor.fork_server",
-            str(content),
-            settings=_THREADS,
-            stdin=subprocess.PIPE,
-            stdout=stderr,
-            stderr=stderr,
-            pass_fds=(content, setup.reports, setup.orders, setup.board, *(child.stderr for child in setup.children)),
-            # Ctrl-C in a terminal signals all processes of its group: only the conductor handles it.
-            start_new_session=True,
-        )
-    finally:
-        os.close(content)
-        os.close(stderr)
-    return fork_server
 
 
 def _read(descriptor: int) -> bytes | None:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.bus.link.address import Address
+from bench.conductor.fork_server_process import ForkServer
 from bench.ecu.loading import DEFAULT_ECUS
 from bench.scenario import Scenario
 
@@ -34,6 +35,7 @@ class RunOptions:
         on_progress: called periodically with the simulated time in s.
         on_waiting: called with a line of text before the run waits for ECUs.
         on_starting: called every second with a line of text while it takes long to start, see `Patience`.
+        fork_server: forks plant and ECUs, and is ended with the run; None to start one.
     """
 
     scenario: Scenario
@@ -50,6 +52,7 @@ class RunOptions:
     on_progress: Callable[[float], None] | None = None
     on_waiting: Callable[[str], None] | None = None
     on_starting: Callable[[str], None] | None = None
+    fork_server: ForkServer | None = None
 
     @property
     def vehicles(self) -> int:

@@ -23,6 +23,7 @@ from bench.bus.topic import Topic
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew, Maker
+from bench.conductor.fork_server_process import start_fork_server
 from bench.conductor.interrupts import Interrupts
 from bench.conductor.options import RunOptions
 from bench.ecu.loading import load_classes, make_node
@@ -74,10 +75,11 @@ class Stage:
             RunFailed: in one process: the FMU cannot be loaded.
         """
         if self.address.hub is None:
-            crew = ProcessCrew(
-                self._members(), tuple(self.options.ecus.values()), links, listener, interrupts, self.board
+            preload = tuple(self.options.ecus.values())
+            server = stack.enter_context(self.options.fork_server or start_fork_server(()))
+            return stack.enter_context(
+                ProcessCrew(self._members(), preload, links, listener, interrupts, self.board, server)
             )
-            return stack.enter_context(crew)
         names = [slot.name for slot in self._slots()]
         return DirectCrew(
             self._plant(listener, stack), names, self._maker(listener, stack), links, listener, interrupts
@@ -116,9 +118,7 @@ class Stage:
         return [EcuSlot(role, vehicle) for role in self.options.ecus for vehicle in range(1, self.vehicles + 1)]
 
     def _members(self) -> list[Member]:
-        plant = Member(
-            PLANT, "bench.plant.main:serve_plant", (self.options.scenario, self.fmu, self.address), early=True
-        )
+        plant = Member(PLANT, "bench.plant.main:serve_plant", (self.options.scenario, self.fmu, self.address))
         ecus = [
             Member(
                 slot.name,

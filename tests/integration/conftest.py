@@ -88,10 +88,10 @@ class Watched:
         return found
 
     def children(self, word: str) -> list[int]:
-        """Process numbers of the run's own children whose command line contains a word."""
+        """Process numbers of the run's own children whose name is `word`."""
         try:
             found = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
-            return [int(pid) for pid in found if word.encode() in Path(f"/proc/{pid}/cmdline").read_bytes()]
+            return [int(pid) for pid in found if Path(f"/proc/{pid}/comm").read_text().strip() == word]
         except OSError:
             return []
 

@@ -95,7 +95,7 @@ def started(run, name: str) -> int:
 
     def pids() -> list[int]:
         # Its children have its name, too, at first.
-        return run.children("fork_server") if name == "fork server" else [run.processes().get(name, 0)]
+        return run.children("fork server") if name == "fork server" else [run.processes().get(name, 0)]
 
     wait_until(lambda: any(pids()), f"{name} to be there")
     return pids()[0]
