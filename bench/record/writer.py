@@ -50,7 +50,7 @@ FLUSH_S = 0.5
 PLAN_MESSAGE = "PlannerTarget"
 
 # A `FRAME` that has not been on the wire yet.
-_pack_pending = struct.Struct("<HBIqq8s16xB").pack
+_pack_pending = struct.Struct("<qq16x8sIHBB").pack
 # Average bytes of a frame in a chunk, raw and decoded; only sets when a chunk counts as full.
 _BYTES_A_FRAME = 150
 
@@ -175,7 +175,7 @@ class RunWriter:
         self._pending += b"".join(
             [
                 pack(
-                    numbers[frame[0]], len(frame[2]), frame[1], time_ns, received, frame[2], type(frame) is RefusedFrame
+                    time_ns, received, frame[2], frame[1], numbers[frame[0]], len(frame[2]), type(frame) is RefusedFrame
                 )
                 for frame, received in zip(frames, receive_ns, strict=True)
             ]

@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """Length of a classical CAN data frame on the wire, with the exact stuff bits of its content.
 
 ISO 11898-1: start of frame, identifier, control field, data and the CRC-15 are sent with a stuff bit of the other value
@@ -5,9 +6,10 @@ after every five equal bits, stuff bits among them; a stuff bit may also follow 
 ACK slot, ACK delimiter and the seven bits of end of frame are sent as they are, and three bits of interframe space
 separate it from the next frame.
 
-Many frames are processed at once, one byte of each at a time: CRC and stuffing are table-driven automata.
+A frame is processed a byte at a time: CRC and stuffing are table-driven automata.
 """
 
+import cython
 import numpy as np
 import numpy.typing as npt
 
@@ -16,14 +18,16 @@ from bench.bus.link.base import EXTENDED
 INTERFRAME_BITS = 3
 """Bits after a frame during which no other may begin."""
 
-_END_BITS = 10
+_END_BITS = cython.declare(cython.int, 10)
 """CRC delimiter, ACK slot, ACK delimiter, end of frame."""
 
-_HEAD_BYTES = 5
-_CRC_POLYNOMIAL = 0x4599
-_CRC_BITS = 15
-_STUFFED_BITS = {False: 34, True: 54}
-"""Bits subject to stuffing besides the data, indexed by whether the identifier has 29 bits."""
+# Bits subject to stuffing besides the data, with an identifier of 11 bits and of 29.
+_STUFFED_SHORT = cython.declare(cython.int, 34)
+_STUFFED_LONG = cython.declare(cython.int, 54)
+
+_HEAD_BYTES = cython.declare(cython.int, 5)
+_CRC_POLYNOMIAL = cython.declare(cython.int, 0x4599)
+_CRC_BITS = cython.declare(cython.int, 15)
 
 _Bytes = npt.NDArray[np.uint8]
 _Ints = npt.NDArray[np.int64]
@@ -40,12 +44,8 @@ def frame_bits(can_id: npt.NDArray[np.uint32], length: _Bytes, data: _Bytes) -> 
     Returns:
         (n,) bits.
     """
-    extended = (can_id & EXTENDED) != 0
-    head = _heads(can_id.astype(np.int64), extended, length)
-    bits = np.where(extended, _STUFFED_BITS[True], _STUFFED_BITS[False]) + 8 * length.astype(np.int64) + _END_BITS
-    for size in np.flatnonzero(np.bincount(length)).tolist():
-        rows = np.flatnonzero(length == size)
-        bits[rows] += _stuff_bits(head[rows], extended[rows], data[rows, :size])
+    bits = np.empty(len(can_id), np.int64)
+    _count_bits(bits.data, *(np.array(column).data for column in (can_id, length, data)))
     return bits
 
 
@@ -54,13 +54,17 @@ def longest_bits(length: int, *, extended: bool = False) -> int:
 
     55 + 10 s with short and 80 + 10 s with long identifiers (Davis et al. 2007, equations 1 and 2).
     """
-    stuffed = _STUFFED_BITS[extended] + 8 * length
-    return stuffed + (stuffed - 1) // 4 + _END_BITS + INTERFRAME_BITS
+    stuffed = (_STUFFED_LONG if extended else _STUFFED_SHORT) + 8 * length
+    bits: int = stuffed + (stuffed - 1) // 4 + _END_BITS + INTERFRAME_BITS
+    return bits
 
 
 def crc15(data: bytes) -> int:
     """Return the table of CAN's CRC (CRC-15/CAN) over whole bytes."""
-    return int(_crc(np.frombuffer(data, np.uint8).reshape(1, -1))[0])
+    crc = 0
+    for byte in data:
+        crc = _CRC_TABLE[crc >> (_CRC_BITS - 8) ^ byte] ^ crc << 8 & 0x7FFF
+    return crc
 
 
 def priority(can_id: npt.NDArray[np.uint32]) -> _Ints:
@@ -72,50 +76,67 @@ def priority(can_id: npt.NDArray[np.uint32]) -> _Ints:
     return np.where(can_id & EXTENDED, (number >> 18) << 19 | 1 << 18 | number & 0x3FFFF, number << 19)
 
 
-def _heads(can_id: _Ints, extended: npt.NDArray[np.bool_], length: _Bytes) -> _Bytes:
-    """Return start of frame, identifier and control field of each frame, (n, 5), right-aligned.
-
-    The bits before start of frame are zeros, which do not change a CRC that starts at zero.
-    """
-    number = can_id & ~EXTENDED
-    # 11 leading bits, SRR = IDE = 1, 18 more, RTR = r1 = r0 = 0; and 11 bits, RTR = IDE = r0 = 0.
-    long = (number >> 18) << 27 | 0b11 << 25 | (number & 0x3FFFF) << 7
-    word = np.where(extended, long, number << 7) | length
-    return word.astype(">u8").view(np.uint8).reshape(-1, 8)[:, -_HEAD_BYTES:]
-
-
-def _crc(frames: _Bytes) -> _Ints:
-    """Return the CRC over the bytes of each row, (n,)."""
-    crc = np.zeros(len(frames), np.int64)
-    for column in frames.T.astype(np.int64):
-        crc = _CRC_TABLE.take(crc >> (_CRC_BITS - 8) ^ column) ^ crc << 8 & 0x7FFF
-    return crc
-
-
-def _stuff_bits(head: _Bytes, extended: npt.NDArray[np.bool_], data: _Bytes) -> _Ints:
-    """Return the number of stuff bits of frames that all have the same length, (n,)."""
-    frames = np.hstack([head, data])
-    crc = _crc(frames)
-    # Before start of frame alternating ones and zeros: they need no stuff bit, and start of frame begins a new run.
-    frames[:, :_HEAD_BYTES] |= np.where(extended[:, None], _LEAD_LONG, _LEAD_SHORT)
-    state = np.zeros(len(frames), np.int64)
-    count = np.zeros(len(frames), np.int64)
-    for column in (*frames.T.astype(np.int64), crc >> 7):
-        found = _STUFF_BYTE.take(state << 8 | column)
-        state = found & 7
-        count += found >> 3
-    return count + (_STUFF_SEVEN.take(state << 7 | crc & 0x7F) >> 3)
+def _count_bits(
+    bits: cython.longlong[::1],
+    can_id: cython.uint[::1],
+    length: cython.uchar[::1],
+    data: cython.uchar[:, ::1],
+) -> None:
+    """Set `bits` of each frame; see `frame_bits`."""
+    crc_table: cython.longlong[::1] = _CRC_TABLE
+    stuff_byte: cython.longlong[::1] = _STUFF_BYTE
+    stuff_seven: cython.longlong[::1] = _STUFF_SEVEN
+    extended: cython.longlong = EXTENDED
+    row: cython.Py_ssize_t
+    at: cython.Py_ssize_t
+    for row in range(bits.shape[0]):
+        number: cython.longlong = can_id[row]
+        size: cython.longlong = length[row]
+        # Start of frame, identifier and control field, right-aligned in five bytes. Zeros before start of frame do not
+        # change a CRC that starts at zero; alternating ones and zeros need no stuff bit.
+        head: cython.longlong
+        lead: cython.longlong
+        if number & extended:
+            # 11 leading bits, then SRR and IDE, which are 1, 18 more, and RTR, r1 and r0, which are 0.
+            number ^= extended
+            head = (number >> 18) << 27 | 0b11 << 25 | (number & 0x3FFFF) << 7 | size
+            lead = 0x8000000000
+            bits[row] = _STUFFED_LONG + 8 * size + _END_BITS
+        else:
+            # No SRR; RTR, IDE and r0 are 0.
+            head = number << 7 | size
+            lead = 0xAAAAA80000
+            bits[row] = _STUFFED_SHORT + 8 * size + _END_BITS
+        crc: cython.longlong = 0
+        state: cython.longlong = 0
+        stuffed: cython.longlong = 0
+        for at in range(_HEAD_BYTES + size):
+            byte: cython.longlong
+            sent: cython.longlong
+            if at < _HEAD_BYTES:
+                byte = head >> 8 * (_HEAD_BYTES - 1 - at) & 0xFF
+                sent = byte | lead >> 8 * (_HEAD_BYTES - 1 - at) & 0xFF
+            else:
+                byte = sent = data[row, at - _HEAD_BYTES]
+            crc = crc_table[crc >> (_CRC_BITS - 8) ^ byte] ^ crc << 8 & 0x7FFF
+            found: cython.longlong = stuff_byte[state << 8 | sent]
+            state = found & 7
+            stuffed += found >> 3
+        found = stuff_byte[state << 8 | crc >> 7]
+        stuffed += found >> 3
+        stuffed += stuff_seven[(found & 7) << 7 | crc & 0x7F] >> 3
+        bits[row] += stuffed
 
 
 def _crc_table() -> _Ints:
-    crc = np.arange(256, dtype=np.int64) << (_CRC_BITS - 8)
+    crc: _Ints = np.arange(256, dtype=np.int64) << (_CRC_BITS - 8)
     for _ in range(8):
         crc = np.where(crc & 0x4000, crc << 1 ^ _CRC_POLYNOMIAL, crc << 1) & 0x7FFF
     return crc
 
 
 def _stuff_table(bits: int) -> _Ints:
-    """Return the effect of `bits` more bits, by state and their value: number of stuff bits * 8 + next state.
+    """Return the effect of `bits` more bits, by state << bits | value: number of stuff bits * 8 + next state.
 
     A state is the last bit and the length of its run: 4 * bit + run - 1, runs of 1 to 4.
     """
@@ -128,11 +149,10 @@ def _stuff_table(bits: int) -> _Ints:
         count += stuffed
         last = np.where(stuffed, 1 - bit, bit)
         run = np.where(stuffed, 1, run)
-    return count << 3 | last << 2 | run - 1
+    return (count << 3 | last << 2 | run - 1).reshape(-1)
 
 
-_CRC_TABLE = _crc_table()
-_STUFF_BYTE = _stuff_table(8)
-_STUFF_SEVEN = _stuff_table(7)
-_LEAD_SHORT = np.frombuffer(bytes.fromhex("AAAAA80000"), np.uint8)
-_LEAD_LONG = np.frombuffer(bytes.fromhex("8000000000"), np.uint8)
+# Interpreted, items of a memoryview are Python's integers, which are faster than numpy's.
+_CRC_TABLE = _crc_table().data
+_STUFF_BYTE = _stuff_table(8).data
+_STUFF_SEVEN = _stuff_table(7).data

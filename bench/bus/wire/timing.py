@@ -16,10 +16,9 @@ The end of a frame is that of its last bit, before the interframe space; its res
 """
 
 from collections.abc import Mapping, Sequence
-from heapq import heappop, heappush
-from itertools import pairwise
 from typing import Any
 
+import cython
 import numpy as np
 import numpy.typing as npt
 
@@ -35,104 +34,232 @@ from bench.names import PLANT, V2V
 MOST_HELD = 20_000
 """Number of frames that wait for their time on the wire; beyond it, a flood's are sent whatever may follow."""
 
-_NEVER = 1 << 62
+_NEVER = cython.declare(cython.longlong, 1 << 62)
 
 FRAME = np.dtype(
     [
-        ("bus", "<u2"),
-        ("length", "u1"),
-        ("can_id", "<u4"),
         ("time", "<i8"),
         ("receive", "<i8"),
-        ("data", "u1", (8,)),
         ("wire", "<i8"),
         ("response", "<i8"),
+        ("data", "u1", (8,)),
+        ("can_id", "<u4"),
+        ("bus", "<u2"),
+        ("length", "u1"),
         ("refused", "u1"),
     ]
 )
-"""A frame: number of its bus; data padded with zeros; simulated time of its cycle, receive time on the host, end on the
-wire (simulated; 0 if never sent) and response time, all in ns; whether it was refused, 1 or 0."""
+"""A frame: simulated time of its cycle, receive time on the host, end on the wire (simulated; 0 if never sent) and
+response time, all in ns; data padded with zeros; number of its bus; whether it was refused, 1 or 0. Without gaps."""
 
 
-class _Cycle:
-    """One cycle on a vehicle's bus: the senders yet to send, and the number of frames each still waits for."""
+@cython.cclass
+class _Frame:
+    """A frame that has not been on the wire yet.
 
-    __slots__ = ("left", "waiting")
+    Attributes:
+        row: its place in the table of frames.
+        serial: its number among all frames.
+        rank: its priority; the lowest wins.
+        duration: ns on the wire.
+        release: time from which it waits for the bus.
+        key: what it is sorted by in the queue that it is in.
+        port: its bus.
+        route: what the DBC says about it; None if its identifier is not in the DBC.
+        readers: the `_Response`s that wait for it.
+    """
+
+    row: cython.Py_ssize_t
+    serial: cython.longlong
+    rank: cython.longlong
+    duration: cython.longlong
+    release: cython.longlong
+    key: cython.longlong
+    port: Any
+    route: Any
+    readers: list[Any]
+
+
+@cython.cclass
+class _Response:
+    """The frames of one sender in one cycle: they are released when its inputs are off the wire.
+
+    Attributes:
+        awaited: number of frames that it still waits for.
+        frames: its frames; none after their release.
+    """
+
+    awaited: cython.Py_ssize_t
+    frames: list[_Frame]
 
     def __init__(self) -> None:
-        self.left: dict[str, int] = {}
-        # By sender: port, priority, serial number, ns on the wire, identifier.
-        self.waiting: dict[str, list[tuple[_Port, int, int, int, int]]] = {}
-
-    def release(self, process: str, time: int) -> None:
-        """Release the frames of a process at `time`."""
-        for port, rank, serial, duration, can_id in self.waiting.pop(process, ()):
-            heappush(port.to_come, (time, rank, serial, duration, can_id, self))
+        self.awaited = 0
+        self.frames = []
 
 
+@cython.cclass
+class _Route:
+    """What the DBC says about the frames of one identifier on one bus.
+
+    Attributes:
+        readers: numbers of the senders that wait for them.
+        sender: number of the sender that sends them in response to others; -1 if they are sent with the cycle.
+        absence: whether they announce an absent frame, and are on no wire.
+        duration: ns on the wire whatever they hold; 0 if it depends on that.
+    """
+
+    readers: list[int]
+    sender: cython.Py_ssize_t
+    absence: cython.bint
+    duration: cython.longlong
+
+    def __init__(self) -> None:
+        self.readers = []
+        self.sender = -1
+        self.absence = False
+        self.duration = 0
+
+
+@cython.cclass
+class _Queue:
+    """Frames sorted by their `key` and, where that is equal, by their serial number: a binary heap."""
+
+    items: list[_Frame]
+
+    def __init__(self) -> None:
+        self.items = []
+
+    @cython.cfunc
+    def put(self, frame: _Frame, key: cython.longlong) -> cython.void:
+        """Add a frame, which is in no other queue, with this key."""
+        items: list[_Frame] = self.items
+        frame.key = key
+        at: cython.Py_ssize_t = len(items)
+        items.append(frame)
+        while at > 0:
+            above: cython.Py_ssize_t = (at - 1) >> 1
+            other: _Frame = items[above]
+            if other.key < key or (other.key == key and other.serial < frame.serial):
+                break
+            items[at] = other
+            at = above
+        items[at] = frame
+
+    @cython.cfunc
+    def take(self) -> _Frame:
+        """Remove the first frame and return it."""
+        items: list[_Frame] = self.items
+        first: _Frame = items[0]
+        last: _Frame = items.pop()
+        size: cython.Py_ssize_t = len(items)
+        at: cython.Py_ssize_t = 0
+        while 2 * at + 1 < size:
+            below: cython.Py_ssize_t = 2 * at + 1
+            lower: _Frame = items[below]
+            if below + 1 < size:
+                other: _Frame = items[below + 1]
+                if other.key < lower.key or (other.key == lower.key and other.serial < lower.serial):
+                    below, lower = below + 1, other
+            if last.key < lower.key or (last.key == lower.key and last.serial < lower.serial):
+                break
+            items[at] = lower
+            at = below
+        if size > 0:
+            items[at] = last
+        return first
+
+    @cython.cfunc
+    def first(self) -> _Frame:
+        """Return the first frame."""
+        frame: _Frame = self.items[0]
+        return frame
+
+
+@cython.cclass
 class _Port:
     """One bus.
 
     Attributes:
-        readers: the processes that wait for a frame, by its identifier.
-        routes: by identifier of frames sent in response to others, the sender and the bus whose frames it waits for.
+        routes: the `_Route` of each identifier.
+        bit_rate: bits per second.
+        interframe: ns between two frames.
         free: time from which the next frame may begin.
-        ready: frames that wait for the bus: priority, serial number, release, ns on the wire, identifier, cycle.
-        to_come: the same for frames released later than `free`: release, priority, ...
-        open_cycles: cycles in which some sender has yet to send.
+        ready: frames that wait for the bus, by priority.
+        to_come: frames released later than `free`, by that time.
+        waiting: the `_Response`s to frames of this bus that have not been released.
     """
 
-    def __init__(self, name: str, codec: Codec) -> None:
-        self.name = name
+    routes: dict[int, _Route]
+    bit_rate: cython.longlong
+    interframe: cython.longlong
+    free: cython.longlong
+    ready: _Queue
+    to_come: _Queue
+    waiting: list[_Response]
+
+    def __init__(self, codec: Codec) -> None:
+        self.routes = {can_id: _Route() for can_id in codec.can_ids}
         self.bit_rate = codec.bit_rate
         self.interframe = INTERFRAME_BITS * 1_000_000_000 // codec.bit_rate
-        self.sync_id = codec.can_id(BENCH_SYNC)
-        self.absent_id = codec.can_id(BENCH_ABSENT) if BENCH_ABSENT in codec.names else -1
-        self.senders = {
-            each.can_id: each.sender
-            for each in transmissions(name, codec)
-            if each.sender and each.can_id != self.sync_id
-        }
-        self.readers: dict[int, list[str]] = {}
-        self.routes: dict[int, tuple[str, _Port]] = {}
         self.free = 0
-        self.ready: list[tuple[int, int, int, int, int, _Cycle | None]] = []
-        self.to_come: list[tuple[int, int, int, int, int, _Cycle | None]] = []
-        self.open_cycles: list[_Cycle] = []
+        self.ready = _Queue()
+        self.to_come = _Queue()
+        self.waiting = []
 
-    def run(self, until: int, done: list[tuple[int, int, int]]) -> None:
-        """Send all frames that begin before `until`; add serial number, end and response time to `done`."""
+    @cython.cfunc
+    def run(self, until: cython.longlong, wire: cython.longlong[:], response: cython.longlong[:]) -> cython.void:
+        """Send all frames that begin before `until`; set the end and the response time of each."""
+        each: _Response
         while True:
-            self._send(until, done)
-            self.open_cycles = [cycle for cycle in self.open_cycles if cycle.waiting]
-            if self.ready or self.to_come or not self.open_cycles:
+            self._send(until, wire, response)
+            self.waiting = [each for each in self.waiting if each.frames]
+            if self.ready.items or self.to_come.items or not self.waiting:
                 return
             # Two senders that wait for each other would wait for ever; on a bench neither would have sent.
-            for cycle in self.open_cycles:
-                for process in list(cycle.waiting):
-                    cycle.release(process, self.free - self.interframe)
+            for each in self.waiting:
+                _release(each, self.free - self.interframe)
 
-    def _send(self, until: int, done: list[tuple[int, int, int]]) -> None:
-        ready, to_come, readers, free, interframe = self.ready, self.to_come, self.readers, self.free, self.interframe
-        while ready or to_come:
-            if not ready and to_come[0][0] > free:
-                free = to_come[0][0]
+    @cython.cfunc
+    def _send(self, until: cython.longlong, wire: cython.longlong[:], response: cython.longlong[:]) -> cython.void:
+        ready: _Queue = self.ready
+        to_come: _Queue = self.to_come
+        free: cython.longlong = self.free
+        frame: _Frame
+        reader: _Response
+        while ready.items or to_come.items:
+            if not ready.items and to_come.first().key > free:
+                free = to_come.first().key
             if free >= until:
                 break
-            while to_come and to_come[0][0] <= free:
-                release, rank, serial, duration, can_id, cycle = heappop(to_come)
-                heappush(ready, (rank, serial, release, duration, can_id, cycle))
-            _, serial, release, duration, can_id, cycle = heappop(ready)
-            end = free + duration
-            free = end + interframe
-            done.append((serial, end, end - release))
-            if cycle is not None and can_id in readers:
-                left = cycle.left
-                for process in readers[can_id]:
-                    left[process] -= 1
-                    if not left[process]:
-                        cycle.release(process, end)
+            while to_come.items and to_come.first().key <= free:
+                frame = to_come.take()
+                ready.put(frame, frame.rank)
+            frame = ready.take()
+            end: cython.longlong = free + frame.duration
+            free = end + self.interframe
+            wire[frame.row] = end
+            response[frame.row] = end - frame.release
+            for reader in frame.readers:
+                reader.awaited -= 1
+                if reader.awaited == 0:
+                    _release(reader, end)
         self.free = free
+
+
+@cython.cfunc
+def _release(response: _Response, time: cython.longlong) -> cython.void:
+    """Let the frames of a sender wait for their buses from `time` on."""
+    frame: _Frame
+    for frame in response.frames:
+        _wait(frame, time)
+    response.frames = []
+
+
+@cython.cfunc
+def _wait(frame: _Frame, time: cython.longlong) -> cython.void:
+    port: _Port = frame.port
+    frame.release = time
+    port.to_come.put(frame, time)
 
 
 class BusTimeline:
@@ -153,10 +280,12 @@ class BusTimeline:
         self._inputs = inputs
         self._realtime = realtime
         self._ports: list[_Port] = []
+        self._ordered: list[_Port] = []
+        self._homes: list[_Port] = []
         self._origin = 0
         self._serial = 0
         self._held = np.empty(0, FRAME)
-        self._held_serials = np.empty(0, np.int64)
+        self._waiting: list[_Frame] = []
 
     def send(self, frames: npt.NDArray[Any], *, last: bool = False) -> npt.NDArray[Any]:
         """Send frames and return those whose timing is final.
@@ -174,115 +303,172 @@ class BusTimeline:
         """
         if not self._ports:
             self._make_ports()
-        serials = np.arange(self._serial, self._serial + len(frames))
-        self._serial += len(frames)
-        done: list[tuple[int, int, int]] = []
-        absent = self._realtime_batch(frames, serials, done) if self._realtime else self._cycles(frames, serials, done)
+        new = self._waiting_frames(frames)
+        table = np.concatenate([self._held, frames]) if self._waiting else frames
+        waiting = self._waiting + new
+        frame: _Frame
+        for row, frame in enumerate(waiting):
+            frame.row = row
+        absent: list[int] = []
+        if not self._realtime:
+            absent = self._send_cycles(new, frames["time"].tolist(), table)
+        elif new:
+            self._origin = self._origin or int(frames["receive"][0] - frames["time"][0])
+            self._send_received(new, frames["receive"], table)
         if last or len(self._held) > MOST_HELD:
-            # Vehicles first: frames received on their buses release the planners' frames on v2v.
-            for port in self._in_order():
-                port.run(_NEVER, done)
-        if len(self._held):
-            frames = np.concatenate([self._held, frames])
-            serials = np.concatenate([self._held_serials, serials])
-        rows, ends = np.searchsorted(serials, [row[0] for row in done]), np.array(done, np.int64).reshape(-1, 3)
-        frames["wire"][rows], frames["response"][rows] = ends[:, 1], ends[:, 2]
-        certain = frames["wire"] > 0
-        certain[np.searchsorted(serials, absent)] = True
-        self._held, self._held_serials = frames[~certain], serials[~certain]
-        frames = frames[certain]
+            self._run(self._ordered, _NEVER, table)
+        certain = table["wire"] > 0
+        certain[absent] = True
+        open_rows = np.flatnonzero(~certain)
+        self._held, self._waiting = table[open_rows], [waiting[row] for row in open_rows.tolist()]
+        table = table[certain] if len(open_rows) else table
         if self._realtime:
-            return frames
-        missing = frames["wire"] == 0
+            return table
+        missing = table["wire"] == 0
         # Announcements of absent frames arrive from several processes in any order.
-        text = np.where(missing, np.ascontiguousarray(frames["data"]).view(">u8")[:, 0], 0)
-        return frames[np.lexsort((text, np.where(missing, _NEVER, frames["wire"]), frames["time"]))]
+        text = np.where(missing, np.ascontiguousarray(table["data"]).view(">u8")[:, 0], 0)
+        return table[np.lexsort((text, np.where(missing, _NEVER, table["wire"]), table["time"]))]
 
     def _make_ports(self) -> None:
-        self._ports = [_Port(bus, codec) for bus, codec in self._codecs.items()]
-        by_name = {port.name: port for port in self._ports}
-        for port in self._ports:
-            port.readers = {port.sync_id: []}
-            for can_id, process in port.senders.items():
-                # A planner also sends on v2v, in response to frames on its vehicle's bus.
-                home = by_name.get(process.partition(".")[0], port)
-                port.routes[can_id] = process, home
-        for process, home in {route for port in self._ports for route in port.routes.values()}:
-            home.readers[home.sync_id].append(process)
-            for topic in self._inputs.get(process, ()) if process != PLANT else ():
-                can_id = self._codecs[topic.bus].can_id(topic.message)
-                if topic.bus == home.name and not topic.delay and home.senders.get(can_id) != process:
-                    home.readers.setdefault(can_id, []).append(process)
+        ports: dict[str, _Port] = {bus: _Port(codec) for bus, codec in self._codecs.items()}
+        self._ports = list(ports.values())
+        # Vehicles first: frames received on their buses release the planners' frames on v2v.
+        self._ordered = [ports[bus] for bus in sorted(ports, key=lambda bus: bus == V2V)]
+        senders: dict[tuple[str, str], int] = {}
+        for bus, codec in self._codecs.items():
+            self._note_lengths(ports[bus], codec)
+            for each in transmissions(bus, codec):
+                if each.sender and each.message != BENCH_SYNC:
+                    # A planner also sends on v2v, in response to frames on its vehicle's bus.
+                    own = each.sender.partition(".")[0]
+                    home = own if own in ports else bus
+                    port: _Port = ports[bus]
+                    route: _Route = port.routes[each.can_id]
+                    route.sender = senders.setdefault((each.sender, home), len(senders))
+        self._homes = [ports[bus] for _, bus in senders]
+        for (process, bus), sender in senders.items():
+            port = ports[bus]
+            self._note_inputs(port.routes, process, bus, sender)
 
-    def _in_order(self) -> list[_Port]:
-        return sorted(self._ports, key=lambda port: port.name == V2V)
-
-    def _cycles(
-        self, frames: npt.NDArray[Any], serials: npt.NDArray[np.int64], done: list[tuple[int, int, int]]
-    ) -> list[int]:
-        """Process complete cycles of lockstep; return the serial numbers of frames never on the wire."""
-        absent: list[int] = []
-        ordered = self._in_order()
-        times = frames["time"]
-        rows = self._rows(frames, serials)
-        changes = (np.flatnonzero(times[1:] != times[:-1]) + 1).tolist()
-        for start, end in pairwise([0, *changes, len(rows)] if rows else []):
-            time = int(times[start])
-            self._open(time, rows[start:end], absent)
-            for port in ordered:
-                port.run(time + CYCLE_NS, done)
-        return absent
-
-    def _open(self, time: int, rows: list[tuple[int, int, int, int, int]], absent: list[int]) -> None:
-        """Queue a cycle's frames: for the bus, or until their sender's inputs have arrived."""
-        cycles = {port: _Cycle() for port in self._ports}
-        for number, can_id, rank, duration, serial in rows:
-            port = self._ports[number]
-            if can_id == port.absent_id:
-                absent.append(serial)
-                continue
-            if can_id in port.readers:
-                left = cycles[port].left
-                for reader in port.readers[can_id]:
-                    left[reader] = left.get(reader, 0) + 1
-            if can_id in port.routes:
-                process, home = port.routes[can_id]
-                cycles[home].waiting.setdefault(process, []).append((port, rank, serial, duration, can_id))
-            else:
-                heappush(port.to_come, (time, rank, serial, duration, can_id, cycles[port]))
-        for port, cycle in cycles.items():
-            port.open_cycles.append(cycle)
-            for process in [name for name in cycle.waiting if name not in cycle.left]:
-                cycle.release(process, time)
-
-    def _realtime_batch(
-        self, frames: npt.NDArray[Any], serials: npt.NDArray[np.int64], done: list[tuple[int, int, int]]
-    ) -> list[int]:
-        if not len(frames):
-            return []
-        if not self._origin:
-            self._origin = int(frames["receive"][0] - frames["time"][0])
-        releases = (frames["receive"] - self._origin).tolist()
-        for release, (number, can_id, rank, duration, serial) in zip(
-            releases, self._rows(frames, serials), strict=True
-        ):
-            heappush(self._ports[number].to_come, (release, rank, serial, duration, can_id, None))
-        newest = max(releases)
-        for port in self._ports:
-            port.run(newest, done)
-        return []
-
-    def _rows(self, frames: npt.NDArray[Any], serials: npt.NDArray[np.int64]) -> list[tuple[int, int, int, int, int]]:
-        """Number of the bus, identifier, priority, ns on the wire and serial number of each frame."""
-        rates = np.array([port.bit_rate for port in self._ports], np.int64)
-        bits = frame_bits(frames["can_id"], frames["length"], frames["data"])
+    def _note_lengths(self, port: _Port, codec: Codec) -> None:
+        route: _Route
+        if BENCH_ABSENT in codec.names:
+            route = port.routes[codec.can_id(BENCH_ABSENT)]
+            route.absence = True
         if not self._realtime:
             # Wall-clock values must not change the timing of other frames: assume the maximum length.
-            for number, codec in enumerate(self._codecs.values()):
-                clocked = [can_id for can_id in codec.can_ids if codec.is_wall_clock(can_id)]
-                rows = (frames["bus"] == number) & np.isin(frames["can_id"], clocked)
-                bits[rows] = longest_bits(8) - INTERFRAME_BITS
-        duration = bits * 1_000_000_000 // rates[frames["bus"]]
-        ranks = priority(frames["can_id"])
-        columns = (frames["bus"], frames["can_id"], ranks, duration, serials)
-        return list(zip(*(column.tolist() for column in columns), strict=True))
+            for can_id in filter(codec.is_wall_clock, codec.can_ids):
+                route = port.routes[can_id]
+                route.duration = _duration(longest_bits(8) - INTERFRAME_BITS, port)
+
+    def _note_inputs(self, routes: dict[int, _Route], process: str, bus: str, sender: int) -> None:
+        route: _Route = routes[self._codecs[bus].can_id(BENCH_SYNC)]
+        route.readers.append(sender)
+        for topic in self._inputs.get(process, ()) if process != PLANT else ():
+            can_id = self._codecs[topic.bus].can_id(topic.message)
+            if topic.bus == bus and not topic.delay:
+                route = routes[can_id]
+                if route.sender != sender:
+                    route.readers.append(sender)
+
+    def _waiting_frames(self, table: npt.NDArray[Any]) -> list[_Frame]:
+        """Return new frames (n,) as objects, with their lengths and priorities."""
+        buses: cython.ushort[:] = table["bus"].data
+        identifiers: cython.uint[:] = table["can_id"].data
+        bits: cython.longlong[:] = frame_bits(table["can_id"], table["length"], table["data"]).data
+        ranks: cython.longlong[:] = priority(table["can_id"]).data
+        frames: list[_Frame] = []
+        row: cython.Py_ssize_t
+        serial: cython.longlong = self._serial
+        for row in range(len(table)):
+            port: _Port = self._ports[buses[row]]
+            route: _Route | None = port.routes.get(identifiers[row])
+            frame: _Frame = _Frame()
+            frame.serial = serial + row
+            frame.rank = ranks[row]
+            frame.duration = _duration(bits[row], port)
+            if route is not None and route.duration:
+                frame.duration = route.duration
+            frame.port = port
+            frame.route = route
+            frame.readers = _NOBODY
+            frames.append(frame)
+        self._serial += len(frames)
+        return frames
+
+    def _send_cycles(self, frames: list[_Frame], times: Sequence[int], table: npt.NDArray[Any]) -> list[int]:
+        """Send complete cycles of lockstep; return the rows of frames never on the wire.
+
+        Args:
+            frames: new ones.
+            times: simulated time of each.
+            table: all frames.
+        """
+        wire: cython.longlong[:] = table["wire"].data
+        response: cython.longlong[:] = table["response"].data
+        absent: list[int] = []
+        begin: cython.Py_ssize_t = 0
+        end: cython.Py_ssize_t
+        count: cython.Py_ssize_t = len(frames)
+        port: _Port
+        while begin < count:
+            time: cython.longlong = times[begin]
+            end = begin + 1
+            while end < count and times[end] == time:
+                end += 1
+            self._open(time, frames[begin:end], absent)
+            for port in self._ordered:
+                port.run(time + CYCLE_NS, wire, response)
+            begin = end
+        return absent
+
+    def _open(self, time: int, frames: list[_Frame], absent: list[int]) -> None:
+        """Queue a cycle's frames: for the bus, or until their sender's inputs have arrived."""
+        responses: list[_Response] = [_Response() for _ in self._homes]
+        frame: _Frame
+        reader: _Response
+        for frame in frames:
+            route: _Route | None = frame.route
+            if route is None:
+                _wait(frame, time)
+                continue
+            if route.absence:
+                absent.append(frame.row)
+                continue
+            if route.readers:
+                frame.readers = [responses[number] for number in route.readers]
+                for reader in frame.readers:
+                    reader.awaited += 1
+            if route.sender < 0:
+                _wait(frame, time)
+            else:
+                reader = responses[route.sender]
+                reader.frames.append(frame)
+        home: _Port
+        for home, reader in zip(self._homes, responses, strict=True):
+            if reader.frames and reader.awaited:
+                home.waiting.append(reader)
+            elif reader.frames:
+                _release(reader, time)
+
+    def _send_received(self, frames: list[_Frame], received: npt.NDArray[np.int64], table: npt.NDArray[Any]) -> None:
+        """Send frames, which wait from their receipt on; see `_send_cycles`."""
+        releases = received - self._origin
+        frame: _Frame
+        for frame, release in zip(frames, releases.tolist(), strict=True):
+            _wait(frame, release)
+        self._run(self._ports, int(releases.max()), table)
+
+    def _run(self, ports: Sequence[_Port], until: int, table: npt.NDArray[Any]) -> None:
+        port: _Port
+        for port in ports:
+            port.run(until, table["wire"].data, table["response"].data)
+
+
+@cython.cfunc
+def _duration(bits: cython.longlong, port: _Port) -> cython.longlong:
+    """Return ns on the wire."""
+    return bits * 1_000_000_000 // port.bit_rate
+
+
+_NOBODY: list[_Response] = []
