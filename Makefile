@@ -1,6 +1,6 @@
 # make run: complete set-up, then the paper's formation. make check before a commit, make test before a push; make nightly,
-# make lint, make coverage, make mutation, make docs, make dist, make bench, make references, make clean. PYTEST_ARGS is
-# passed to pytest: make test PYTEST_ARGS='-x -k outbox'.
+# make lint, make coverage, make mutation, make docs, make dist, make bench [AGAINST=REV], make references, make clean.
+# PYTEST_ARGS is passed to pytest: make test PYTEST_ARGS='-x -k outbox'.
 PYTHON      ?= python3
 SCENARIO    ?= formation
 ARGS        ?=
@@ -106,8 +106,9 @@ dist: $(INSTALLED)
 	$(BIN)/python -m hatchling build -t sdist -d build/dist
 	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir build/dist build/dist/platoon-*.tar.gz
 
+# With AGAINST, ratios to another revision: make bench AGAINST=HEAD~1 ARGS='--pairs 3 --realtime 60'.
 bench: setup $(DEVELOP)
-	$(BIN)/python -m bench.benchmarks
+	$(BIN)/python -m bench.benchmarks $(if $(AGAINST),against $(AGAINST) $(ARGS))
 
 # The logs on which `platoon resim` is tested; regenerate them after an intended change of the frames that ECUs send.
 references: setup

@@ -1,12 +1,18 @@
-"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all if none is named."""
+"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all if none is named.
+
+`against REV` compares this checkout with another revision.
+"""
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator
 
 from rich.console import Console  # noqa: TID251 - prints figures of our own
 from rich.table import Table
 
 from bench.benchmarks import bus, fmu, live, loop, record
+from bench.benchmarks.against import command as against
+from bench.errors import BenchError
 
 PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
     "loop": loop.tables,
@@ -20,13 +26,35 @@ PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
 def main() -> None:
     """Run the requested part, or all."""
     parser = argparse.ArgumentParser(prog="python -m bench.benchmarks", description=__doc__)
-    parser.add_argument("part", nargs="?", choices=tuple(PARTS), help="the only part to run")
-    chosen = parser.parse_args().part
+    parts = parser.add_subparsers(
+        dest="part", metavar="PART", help=f"the only part to run: {', '.join(PARTS)}, against"
+    )
+    for name in PARTS:
+        parts.add_parser(name)
+    against.add_arguments(parts.add_parser("against", help="compare this checkout with another revision"))
+    options = parser.parse_args()
     console = Console(width=120)
+    try:
+        for table in _tables(options):
+            console.print(table)
+    except BenchError as error:
+        sys.exit(_told(error))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+def _tables(options: argparse.Namespace) -> Iterator[Table | str]:
+    if options.part == "against":
+        yield from against.compare(options)
+        return
     for name, tables in PARTS.items():
-        if chosen in (None, name):
-            for table in tables():
-                console.print(table)
+        if options.part in (None, name):
+            yield from tables()
+
+
+def _told(error: BenchError) -> int:
+    sys.stderr.write(f"bench.benchmarks: {error}\n")
+    return error.exit_code
 
 
 if __name__ == "__main__":

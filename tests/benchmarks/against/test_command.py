@@ -1,0 +1,109 @@
+"""This checkout against itself: every row of every table is there, with figures. How large they are is not tested."""
+
+import argparse
+import io
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from bench.benchmarks.against import command, tables
+from bench.benchmarks.against.checkout import this_checkout
+from bench.benchmarks.against.comparison import BUSES, in_pairs
+from bench.errors import BadInput
+from bench.scenario import SCENARIO_DIR, load
+
+ROOT = Path(__file__).parents[3]
+
+
+def options(*arguments):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    return parser.parse_args(["HEAD", *arguments])
+
+
+def printed(shown):
+    file = io.StringIO()
+    Console(width=160, file=file).print(shown)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("vehicles", [1, 2, 3, 5, 10])
+def test_a_scenario_may_have_another_number_of_vehicles(vehicles, tmp_path):
+    made = load(command.scenario_file("formation", vehicles, tmp_path))
+    before = load("formation").vehicles
+    assert len(made.vehicles) == vehicles
+    assert made.vehicles[:3] == before[:vehicles]
+    assert all(a.x_m - b.x_m == 8.0 for a, b in zip(made.vehicles, made.vehicles[1:], strict=False))
+    assert all(a.y_m != b.y_m for a, b in zip(made.vehicles, made.vehicles[1:], strict=False))
+
+
+def test_a_shipped_scenario_is_this_checkouts_file(tmp_path):
+    assert command.scenario_file("formation", None, tmp_path) == SCENARIO_DIR / "formation.toml"
+
+
+def test_impossible_scenarios_are_refused(tmp_path):
+    with pytest.raises(BadInput, match="nonsense"):
+        command.scenario_file("nonsense", None, tmp_path)
+    single = tmp_path / "single.toml"
+    single.write_text(
+        'description = "one"\nduration_s = 1.0\n[platoon]\nlane_y_m = 0.0\nspeed_mps = 20.0\ngap_m = 10.0\n'
+        "[[vehicles]]\nx_m = 0.0\ny_m = 0.0\nspeed_mps = 20.0\n"
+    )
+    with pytest.raises(BadInput, match="needs two vehicles"):
+        command.scenario_file(str(single), 3, tmp_path)
+
+
+def test_rows_without_figures_and_ratios_are_shown_as_such():
+    values = [[1.0, 2.0, 4.0], [2.0, math.nan, 2.0]]
+    row = tables.Row("what", *(np.array(each) for each in values))
+    assert row.cells() == ["what", "2", "2", "1.25", "0.5 .. 2"]
+    nothing = np.array([math.nan])
+    assert tables.Row("what", nothing, nothing).cells() == ["what", "-", "-", "-", "-"]
+
+
+@pytest.mark.nightly
+def test_every_table_is_whole(tmp_path):
+    # Also with a checkout that is built: `test_the_command_builds_and_compares`.
+    this = this_checkout(print)
+    chosen = options("--pairs", "1", "--seconds", "1", "--realtime", "1")
+    found = list(command.compared(this, this, SCENARIO_DIR / "formation.toml", chosen, tmp_path))
+    texts = [printed(each) for each in found]
+    assert len(texts) == 7
+    for words in ("processor time of a simulated second, udp", "first frame, direct", "tracker's whole step, p99, udp"):
+        assert words in texts[1]
+    assert "tracker, peak resident" in texts[2]
+    assert "plant, system" in texts[3]
+    assert "tracker's control" in texts[4]
+    assert all("one busy process" in text or "quiet" in text for text in texts[5:])
+
+
+@pytest.mark.nightly
+def test_every_figure_is_positive(tmp_path):
+    this = this_checkout(print)
+    costs = in_pairs((this, this), SCENARIO_DIR / "formation.toml", 1.0, 2, tmp_path, print)
+    rows = [row for section in tables.times(*costs) for row in section]
+    assert len(rows) == 3 * len(BUSES) + 2 * len(BUSES) + 4 * len(BUSES)
+    for row in rows:
+        assert (row.other > 0.0).all(), row
+        assert row.ratios.size == 2, row
+    for section in tables.memory(*costs):
+        assert len(section) >= 5
+        assert all((row.this > 0.0).all() for row in section)
+    ((*by_node,), (whole,)) = tables.nodes(*costs)
+    assert len(by_node) >= 8
+    assert (whole.this > 0.0).all()
+
+
+@pytest.mark.nightly
+def test_the_command_builds_and_compares(tmp_path):
+    arguments = ["HEAD", "--pairs", "1", "--seconds", "1", "--no-profile", "--builds", str(tmp_path)]
+    called = [sys.executable, "-m", "bench.benchmarks", "against", *arguments]
+    done = subprocess.run(called, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    assert "1 pair: time" in done.stdout
+    assert "of a simulated second" in done.stdout
