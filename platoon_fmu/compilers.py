@@ -142,7 +142,7 @@ def _system() -> Compiler:
             strip = () if here.suffix == ".dylib" else ("-s",)
             return Compiler(here, (path,), ("-shared", *strip, "-lm"), _run([path, "--version"], _HERE))
     raise FmuError(
-        "no C compiler found (tried cc, gcc, clang); building the FMU needs one; on Debian: apt install gcc libc6-dev"
+        "no C compiler found (tried cc, gcc, clang); FMU and bench are compiled; on Debian: apt install gcc libc6-dev"
     )
 
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 _PACKAGE = "platoon_fmu"
 _ROOT = str(Path(__file__).resolve().parents[1])
@@ -34,6 +34,13 @@ def python(
     command = [*interpreter(), "-c", f"from {module} import main; main()", *arguments]
     environment = os.environ | dict(settings or {}) | {"PYTHONPATH": os.pathsep.join(search_path())}
     return subprocess.Popen(command, env=environment, **options)
+
+
+def restart() -> NoReturn:
+    """Start this program again, in this process and with the same command line."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: TID251 - the one place
 
 
 def interpreter() -> list[str]:

@@ -12,6 +12,9 @@ from pathlib import Path
 
 from bench.bus.link.address import Address, settle
 from bench.bus.link.opening import open_link
+from bench.cli.machine_code import SLOWER
+from bench.compiled.build import require_compiler
+from bench.compiled.finder import INTERPRETED, current_libraries, is_wanted
 from bench.errors import BadInput, BenchError
 from bench.vcan.machine import require_packages
 from platoon_fmu.build import default_fmu
@@ -54,6 +57,7 @@ def examine(logs: Path) -> Iterator[Finding]:
     yield _python()
     yield _packages()
     yield _compiler()
+    yield _machine_code()
     yield _fmu()
     yield _bus("bus udp", "udp", "UDP multicast reaches this host")
     yield _bus("bus vcan", "vcan", "SocketCAN links vcan0 to vcan3 are up")
@@ -91,6 +95,20 @@ def _compiler() -> Finding:
         return Finding("C compiler", False, f"{path} without the C library's headers", mend)
     version = subprocess.run([path, "--version"], capture_output=True, text=True, check=False).stdout
     return Finding("C compiler", True, version.partition("\n")[0] or path)
+
+
+def _machine_code() -> Finding:
+    if not is_wanted():
+        found = f"the bench is interpreted, {SLOWER}, as {INTERPRETED} is set"
+        return Finding("machine code", False, found, f"unset {INTERPRETED}")
+    folder = current_libraries()
+    if folder is not None:
+        return Finding("machine code", True, f"the bench is compiled, in {folder}")
+    try:
+        require_compiler()
+    except BadInput as error:
+        return Finding("machine code", False, str(error), f"or interpreted, {SLOWER}: {INTERPRETED}=1", True)
+    return Finding("machine code", False, "the bench is not compiled", "the next run does it, in about a minute")
 
 
 def _fmu() -> Finding:

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.machine_code import use_machine_code
 from bench.cli.output import message
 from bench.errors import BadInput
 from bench.files import readable_log
@@ -67,6 +68,7 @@ def resim(
 
         check_new(out, ".mcap")
     plan = make_plan(Run(log), ecu or (), every=every, classes=spec or (), tolerances=tolerance or ())
+    use_machine_code()
     for note in plan.notes:
         typer.echo(message(note), err=True)
     outcomes = []

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bench.cli.fmu import say_first_use, vehicle_fmu
+from bench.cli.machine_code import use_machine_code
 from bench.cli.options import EXIT_CODES, LOGS, Buses, LiveOrigins, Overrides, ScenarioName, Seed, report_path
 from bench.cli.output import message
 from bench.errors import BadInput
@@ -243,6 +244,7 @@ def ecu(
     address = Address.parse(*can)
     if address.hub is not None:
         raise BadInput("--can direct: an ECU alone is a separate process; allowed: udp:PORT, vcan, IFACE:CHANNEL")
+    use_machine_code()
     serve_ecu(None, spec or DEFAULT_ECUS[role], EcuSlot(role, vehicle), loaded, address)
 
 
@@ -303,13 +305,14 @@ def _fork_server(scenario: "Scenario", ecus: Mapping[str, str]) -> "ForkServer":
 
 
 def _prepared_fmu() -> Path:
-    """Return the vehicle's FMU; an installed package builds it and compiles the controllers here, once.
+    """Return the vehicle's FMU; what is not built or compiled yet is, once.
 
     Raises:
-        BadInput: there is no FMU, and it cannot be built.
+        BadInput: there is no FMU, and it cannot be built, or the bench cannot be compiled.
     """
     from platoon_fmu.build import in_checkout
 
+    use_machine_code()
     fmu = vehicle_fmu()
     if not in_checkout():
         from bench.cli.warm_up import warm_up_once

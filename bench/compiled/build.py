@@ -23,11 +23,13 @@ from bench.compiled.finder import (
     SUFFIX,
     current_libraries,
     declarations,
+    in_checkout,
     library_folder,
     source_of,
     sources_hash,
 )
 from bench.compiled.modules import COMPILED
+from bench.counts import counted
 from bench.errors import BadInput
 from platoon_fmu.compilers import compilers
 from platoon_fmu.errors import FmuError
@@ -48,8 +50,8 @@ def compile_modules(say: Callable[[str], None] = lambda _: None) -> Path:
         say: called with what takes a while.
 
     Raises:
-        BadInput: there is no C compiler, no header file of Python, no place for the libraries, or a file cannot be
-            compiled; the message says how to mend it.
+        BadInput: there is no Cython, no C compiler, no header file of Python, no place for the libraries, or a file
+            cannot be compiled; the message says how to mend it.
     """
     current_libraries.cache_clear()
     found = current_libraries()
@@ -62,21 +64,43 @@ def compile_modules(say: Callable[[str], None] = lambda _: None) -> Path:
         keys = {name: _key(name) for name in COMPILED}
         missing = [name for name, key in keys.items() if not (objects / f"{key}{SUFFIX}").is_file()]
         if missing:
-            say(f"compiling {len(missing)} modules (about a minute)")
+            say(f"compiling {counted(len(missing), 'module')} (about a minute)")
             _compile([(name, objects / f"{keys[name]}{SUFFIX}") for name in missing])
         folder = _collected(root, {name: objects / f"{key}{SUFFIX}" for name, key in keys.items()})
     except OSError as error:
         raise BadInput(
-            f"compiled modules cannot be written to {root}: {error.strerror}; set XDG_CACHE_HOME to a writable folder"
+            f"the bench is to be compiled, but {root} cannot be written: {error.strerror}; {_mend()}"
         ) from error
     current_libraries.cache_clear()
     _forget_old(root)
     return folder
 
 
+def require_compiler() -> None:
+    """Check that modules can be compiled here.
+
+    Raises:
+        BadInput: Cython, a C compiler or a header file of Python is missing; the message says how to install it.
+    """
+    _cython_version()
+    _c_compiler()
+
+
+def _mend() -> str:
+    """Return what to do if the libraries cannot be written."""
+    return "make it writable" if in_checkout() else "set XDG_CACHE_HOME to a folder that can"
+
+
+def _cython_version() -> str:
+    try:
+        return metadata.version("cython")
+    except metadata.PackageNotFoundError:
+        raise BadInput("Cython is missing, which compiles the bench: pip install cython") from None
+
+
 def _key(module: str) -> str:
     """Return a hash of all that a module's library is made from."""
-    facts = [SUFFIX, metadata.version("cython"), *FLAGS, module, source_of(module).read_text(encoding="utf-8")]
+    facts = [SUFFIX, _cython_version(), *FLAGS, module, source_of(module).read_text(encoding="utf-8")]
     facts += [file.read_text(encoding="utf-8") for file in declarations()]
     return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
 

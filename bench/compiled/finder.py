@@ -38,9 +38,14 @@ def declarations() -> list[Path]:
     return [file for file in (source_of(name).with_suffix(".pxd") for name in COMPILED) if file.is_file()]
 
 
+def in_checkout() -> bool:
+    """Return whether the packages are those of a checkout, not installed ones."""
+    return (ROOT / _PROJECT_FILE).is_file()
+
+
 def library_folder() -> Path:
     """Return where libraries are kept: build/ of a checkout, or the user's cache for an installed package."""
-    if (ROOT / _PROJECT_FILE).is_file():
+    if in_checkout():
         return ROOT / "build" / "compiled"
     # Imported here because a checkout, and with it the tests, need not wait for it.
     import platformdirs

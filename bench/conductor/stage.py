@@ -20,6 +20,7 @@ from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
 from bench.bus.node import Node
 from bench.bus.topic import Topic
+from bench.compiled.finder import is_compiled
 from bench.conductor.clock import CLOCK
 from bench.conductor.crew import Crew, Listener, Member, ProcessCrew
 from bench.conductor.direct import DirectCrew, Maker
@@ -100,6 +101,7 @@ class Stage:
             "host": socket.gethostname(),
             "platform": platform.platform(),
             "python": sys.version.split()[0],
+            "code": "compiled" if is_compiled() else "interpreted",
             "fmu_guid": self.description.guid,
             **{f"ecu {role}": spec for role, spec in self.options.ecus.items()},
             **{f"ecu {name}": BY_HAND for name in self.options.without},

@@ -248,7 +248,7 @@ def _toml(value: Any) -> str:
 
 
 def _versions(run: Run) -> dict[str, str]:
-    facts = {name: run.metadata.get(name, "") for name in ("commit", "python")}
+    facts = {name: run.metadata.get(name, "") for name in ("commit", "python", "code")}
     facts[_FMU] = run.metadata.get("fmu_guid", "")
     facts |= {name.removeprefix(_VERSION): text for name, text in run.metadata.items() if name.startswith(_VERSION)}
     for name, data in run.attachments.items():

@@ -365,7 +365,7 @@ def test_bad_input_to_fault_ends_with_2(arguments, message, tmp_path, refused):
 
 def test_doctor_looks_at_all_that_a_run_needs(tmp_path):
     found = platoon("doctor", cwd=tmp_path).stdout
-    for subject in ("Python", "C compiler", "vehicle FMU", "bus udp", "bus vcan", "cores", "logs"):
+    for subject in ("Python", "C compiler", "machine code", "vehicle FMU", "bus udp", "bus vcan", "cores", "logs"):
         assert subject in found
 
 
