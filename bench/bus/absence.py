@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from bench.bus.codec import Codec
-from bench.bus.e2e import check
+from bench.bus.e2e import is_whole
+from bench.bus.layout import Layout
 
 BENCH_ABSENT = "BenchAbsent"
 
@@ -17,9 +17,9 @@ class Absence(NamedTuple):
     cycle: int
 
 
-def read_absence(codec: Codec, data: bytes) -> Absence | None:
-    """Return what the bytes of a BenchAbsent frame announce; None if they are not whole."""
-    if len(data) != _LENGTH or not check(data, codec.data_id(BENCH_ABSENT)):
+def read_absence(layout: Layout, data: bytes) -> Absence | None:
+    """Return what a BenchAbsent, whose layout is given, announces; None if its bytes are not whole."""
+    if len(data) != _LENGTH or not is_whole(data, layout.crc_of_id):
         return None
-    values = codec.decode(codec.can_id(BENCH_ABSENT), data)[1]
+    values = layout.decode(data)
     return Absence(int(values["Identifier"]), int(values["Cycle"]))

@@ -1,10 +1,9 @@
 """From physical values to CAN frames and back, as the DBC files describe them.
 
-cantools reads the DBC; each message's layout is compiled once into shift-and-mask tables, which give the same results
-as cantools' own codec in a fraction of the time.
+cantools reads the DBC; each message's layout becomes a table once (`bench.bus.layout`), which gives the same results as
+cantools' own codec in a fraction of the time.
 """
 
-import struct
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +15,7 @@ from cantools.database.errors import Error as CantoolsError
 
 from bench.bus import e2e
 from bench.bus.frame import CanFrame
+from bench.bus.layout import Field, Layout, Replaced
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
 from bench.names import V2V, vehicle_bus
@@ -68,40 +68,12 @@ class SignalBits(NamedTuple):
     is_float: bool
 
 
-class _Encoded(NamedTuple):
-    """How a value becomes bits: round((value - offset) / scale), clamped to [low, high]; NaN becomes start."""
+class _Described(NamedTuple):
+    """A message of a DBC: its layout, its signals in the DBC's order, whether it holds wall-clock times."""
 
-    signal: str
-    shift: int
-    mask: int
-    scale: float
-    offset: float
-    low: float
-    high: float
-    start: float
-
-
-class _Layout(NamedTuple):
-    """The tables of one message. `encoded` excludes CRC and counter: `encode` computes them."""
-
-    name: str
-    can_id: int
-    length: int
-    data_id: int
-    """E2E data ID, 0 for an unprotected message."""
-    wall_clock: bool
-    crc_start: int
-    encoded: tuple[_Encoded, ...]
-    encoded_floats: tuple[_Encoded, ...]
+    layout: Layout
     bits: tuple[SignalBits, ...]
-    """All signals, in the DBC's order."""
-    integers: tuple[tuple[str, int, int, int, float, float], ...]
-    """Integer signals, `bits` up to `offset`: plain tuples, because they are unpacked for every frame."""
-    floats: tuple[tuple[str, int, int], ...]
-    """Float signals, `bits` up to `mask`."""
-
-
-_FLOAT32 = struct.Struct("<f")
+    wall_clock: bool
 
 
 class Codec:
@@ -112,8 +84,7 @@ class Codec:
         dbc: its content; empty if there is none.
         database: the DBC file as cantools has read it.
         names: message names, sorted by identifier.
-        not_numbers: number of NaN values that `encode` has replaced by the signal's start value.
-        saturated: number of values outside their signal's range that `encode` has clamped.
+        replaced: counts the values that `encode` has replaced.
     """
 
     def __init__(self, dbc_path: Path) -> None:
@@ -121,7 +92,7 @@ class Codec:
 
         Raises:
             BadInput: the file is missing, not a valid DBC, or uses features that this codec does not support (see
-                `_layout`).
+                `_describe`).
         """
         try:
             dbc = dbc_path.read_bytes()
@@ -149,20 +120,20 @@ class Codec:
 
     def _set_up(self, dbc: bytes, file_name: str, where: str) -> None:
         try:
-            database, layouts = _parsed(dbc)
+            database, described = _parsed(dbc)
         except BadInput as error:
             raise BadInput(f"{where}: {error}") from error
+        layouts = [each.layout for each in described]
         self.file_name = file_name
         self.dbc = dbc
         self.database = database
         self.names = tuple(layout.name for layout in layouts)
-        self.not_numbers = 0
-        self.saturated = 0
+        self.replaced = Replaced()
+        self._bits = {each.layout.name: each.bits for each in described}
         self._by_name = {layout.name: layout for layout in layouts}
         self._by_id = {layout.can_id: layout for layout in layouts}
         self._data_ids = {layout.can_id: layout.data_id for layout in layouts if layout.data_id}
-        self._states = _states_of(database)
-        self._wall_clock = frozenset(layout.can_id for layout in layouts if layout.wall_clock)
+        self._wall_clock = frozenset(each.layout.can_id for each in described if each.wall_clock)
 
     def message(self, name: str) -> Message:
         """Return cantools' description of a message: identifier, senders, signals, cycle time, comments.
@@ -170,7 +141,7 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        self._layout_of(name)
+        self.layout(name)
         return self.database.get_message_by_name(name)
 
     def encode(self, name: str, values: Mapping[str, float], counter: int = 0) -> CanFrame:
@@ -185,30 +156,12 @@ class Codec:
         """
         layout = self._by_name.get(name)
         if layout is None:
-            layout = self._layout_of(name)
-        word = 0
+            layout = self.layout(name)
         try:
-            for signal, shift, mask, scale, offset, low, high, start in layout.encoded:
-                value = values[signal]
-                if not low <= value <= high:
-                    value = self._limited(value, low, high, start)
-                word |= (round((value - offset) / scale) & mask) << shift
-            for signal, shift, _, _, _, low, high, start in layout.encoded_floats:
-                value = values[signal]
-                if not low <= value <= high:
-                    value = self._limited(value, low, high, start)
-                word |= int.from_bytes(_FLOAT32.pack(value), "little") << shift
+            return CanFrame(layout.can_id, layout.encode(values, counter, self.replaced, False))
         except KeyError as error:
             given = ", ".join(values)
             raise EncodeError(f"message {name}: signal {error} has no value; given: {given}") from None
-        if not layout.data_id:
-            return CanFrame(layout.can_id, word.to_bytes(layout.length, "little"))
-        word |= counter % e2e.COUNTER_MODULUS << 8
-        crc = layout.crc_start
-        table = e2e.CRC_TABLE
-        for byte in (word >> 8).to_bytes(layout.length - 1, "little"):
-            crc = table[crc ^ byte]
-        return CanFrame(layout.can_id, (word | crc).to_bytes(layout.length, "little"))
 
     def ranges(self, name: str) -> tuple[tuple[str, float, float], ...]:
         """Return each signal that `encode` takes for the message `name`, with the ends of its range.
@@ -216,8 +169,8 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        layout = self._layout_of(name)
-        return tuple((each.signal, each.low, each.high) for each in (*layout.encoded, *layout.encoded_floats))
+        layout = self.layout(name)
+        return tuple((each.signal, each.low, each.high) for each in layout.encoded)
 
     def decode(self, can_id: int, data: bytes) -> tuple[str, dict[str, float]]:
         """Return the name of a frame's message and the physical values of all its signals.
@@ -232,14 +185,7 @@ class Codec:
             raise DecodeError(f"identifier 0x{can_id:03X} is not in the DBC")
         if len(data) != layout.length:
             raise DecodeError(f"message {layout.name}: {len(data)} bytes instead of {layout.length}")
-        word = int.from_bytes(data, "little")
-        values = {
-            signal: ((word >> shift & mask ^ sign) - sign) * scale + offset
-            for signal, shift, mask, sign, scale, offset in layout.integers
-        }
-        for signal, shift, mask in layout.floats:
-            values[signal] = _FLOAT32.unpack((word >> shift & mask).to_bytes(4, "little"))[0]
-        return layout.name, values
+        return layout.name, layout.decode(data)
 
     def bits(self, name: str) -> tuple[SignalBits, ...]:
         """Return the bit layout of each signal of the message `name`, in the DBC's order.
@@ -247,7 +193,8 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        return self._layout_of(name).bits
+        self.layout(name)
+        return self._bits[name]
 
     def start_values(self, name: str) -> dict[str, float]:
         """Return the physical start value of every signal that `encode` takes for the message `name`.
@@ -255,8 +202,18 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        layout = self._layout_of(name)
-        return {field.signal: field.start for field in (*layout.encoded, *layout.encoded_floats)}
+        layout = self.layout(name)
+        return {field.signal: field.start for field in layout.encoded}
+
+    @property
+    def not_numbers(self) -> int:
+        """Number of NaN values that `encode` has replaced by the signal's start value."""
+        return self.replaced.not_numbers
+
+    @property
+    def saturated(self) -> int:
+        """Number of values outside their signal's range that `encode` has clamped."""
+        return self.replaced.saturated
 
     @property
     def bit_rate(self) -> int:
@@ -294,7 +251,7 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        return self._layout_of(name).can_id
+        return self.layout(name).can_id
 
     def name_of(self, can_id: int) -> str | None:
         """Return the name of the message of this identifier, None if absent."""
@@ -307,11 +264,12 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        return self._layout_of(name).data_id
+        return self.layout(name).data_id
 
     def is_possible(self, can_id: int, values: Mapping[str, float]) -> bool:
         """Return whether all states among a message's values are in their value tables."""
-        return all(values[signal] in states for signal, states in self._states.get(can_id, ()))
+        layout = self._by_id.get(can_id)
+        return layout is None or bool(layout.is_possible(dict(values)))
 
     def is_protected(self, can_id: int) -> bool:
         """Return whether the frames of this identifier carry an E2E CRC and counter; False for unknown ones."""
@@ -331,18 +289,16 @@ class Codec:
             raise DecodeError(f"identifier 0x{can_id:03X} is not a protected message of this DBC")
         return e2e.Receiver(self._data_ids[can_id])
 
-    def _layout_of(self, name: str) -> _Layout:
+    def layout(self, name: str) -> Layout:
+        """Return the layout of the message `name`.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
         try:
             return self._by_name[name]
         except KeyError:
             raise EncodeError(f"message {name!r} is not in the DBC; it has {', '.join(self.names)}") from None
-
-    def _limited(self, value: float, low: float, high: float, start: float) -> float:
-        if value < low or value > high:
-            self.saturated += 1
-            return low if value < low else high
-        self.not_numbers += 1
-        return start
 
 
 def load_codecs(vehicles: int) -> dict[str, Codec]:
@@ -362,16 +318,6 @@ def bus_names(vehicles: int) -> tuple[str, ...]:
     return (V2V, *map(vehicle_bus, range(1, vehicles + 1)))
 
 
-def _states_of(database: Database) -> dict[int, list[tuple[str, frozenset[int]]]]:
-    """Return, by identifier, the signals that have a value table, and its values."""
-    found: dict[int, list[tuple[str, frozenset[int]]]] = {}
-    for message in database.messages:
-        for signal in message.signals:
-            if signal.choices:
-                found.setdefault(message.frame_id, []).append((signal.name, frozenset(map(int, signal.choices))))
-    return found
-
-
 def dbc_text(dbc: bytes) -> str:
     """Return a DBC file's content as text: UTF-8 with or without a byte order mark, else Windows-1252.
 
@@ -389,11 +335,11 @@ MOST_DBC_BYTES = 2 * 1024 * 1024
 
 
 @lru_cache(maxsize=16)
-def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
+def _parsed(dbc: bytes) -> tuple[Database, tuple[_Described, ...]]:
     """Return a DBC file's content and the tables of its messages, by identifier.
 
     Raises:
-        BadInput: it is not a valid DBC, or uses features that this codec does not support (see `_layout`).
+        BadInput: it is not a valid DBC, or uses features that this codec does not support (see `_describe`).
     """
     if len(dbc) > MOST_DBC_BYTES:
         raise BadInput(f"the DBC file has {len(dbc)} bytes; allowed: at most {MOST_DBC_BYTES}")
@@ -403,11 +349,11 @@ def _parsed(dbc: bytes) -> tuple[Database, tuple[_Layout, ...]]:
         raise BadInput(f"not a valid DBC file: {error}") from error
     if not isinstance(database, Database):
         raise BadInput("not a DBC file of a CAN bus")
-    layouts = (_layout(message) for message in database.messages)
-    return database, tuple(sorted(layouts, key=lambda layout: layout.can_id))
+    described = (_describe(message) for message in database.messages)
+    return database, tuple(sorted(described, key=lambda each: each.layout.can_id))
 
 
-def _layout(message: Message) -> _Layout:
+def _describe(message: Message) -> _Described:
     """Return the tables of one message.
 
     Raises:
@@ -419,21 +365,21 @@ def _layout(message: Message) -> _Layout:
     data_id = int(_attribute(message, "E2EDataId", 0))
     if data_id:
         _check_protection(message)
-    bits = tuple(map(_bits, message.signals))
-    payload = [s for s in message.signals if not (data_id and s.name in _E2E_SIGNALS)]
-    return _Layout(
+    # Floats are last in what `encode` and `decode` go through, as in logs of all versions.
+    ordered = sorted(message.signals, key=lambda signal: bool(signal.is_float))
+    fields = {signal.name: _field(signal) for signal in ordered}
+    layout = Layout(
         name=message.name,
         can_id=message.frame_id,
         length=message.length,
         data_id=data_id,
-        wall_clock=_attribute(message, "WallClock", "No") == "Yes",
-        crc_start=e2e.crc_of_id(data_id),
-        encoded=tuple(_encoded(signal) for signal in payload if not signal.is_float),
-        encoded_floats=tuple(_encoded(signal) for signal in payload if signal.is_float),
-        bits=bits,
-        integers=tuple((b.signal, b.shift, b.mask, b.sign, b.scale, b.offset) for b in bits if not b.is_float),
-        floats=tuple((b.signal, b.shift, b.mask) for b in bits if b.is_float),
+        crc_of_id=e2e.crc_of_id(data_id),
+        fields=tuple(fields.values()),
+        encoded=tuple(each for name, each in fields.items() if not (data_id and name in _E2E_SIGNALS)),
+        states=tuple((s.name, frozenset(map(int, s.choices))) for s in message.signals if s.choices),
     )
+    bits = tuple(_bits(fields[signal.name]) for signal in message.signals)
+    return _Described(layout, bits, _attribute(message, "WallClock", "No") == "Yes")
 
 
 _E2E_SIGNALS = {e2e.CRC_SIGNAL: (0, 8), e2e.COUNTER_SIGNAL: (8, 4)}
@@ -446,6 +392,8 @@ def _check_codable(message: Message, signal: Signal) -> None:
         raise BadInput(f"{where}: only signals in Intel byte order without multiplexing are supported")
     if signal.is_float and signal.length != 32:
         raise BadInput(f"{where}: a float of {signal.length} bits is not supported; allowed: 32")
+    if signal.length > 64:
+        raise BadInput(f"{where}: {signal.length} bits are not supported; allowed: up to 64")
     if signal.is_float and (signal.scale != 1 or signal.offset != 0):
         raise BadInput(f"{where}: a float must have scale 1 and offset 0")
     if not signal.scale:
@@ -467,29 +415,25 @@ def _check_protection(message: Message) -> None:
             raise BadInput(f"message {message.name}: it has an E2EDataId, so it needs {need}")
 
 
-def _encoded(signal: Signal) -> _Encoded:
-    bits = _bits(signal)
-    return _Encoded(
-        signal=bits.signal,
-        shift=bits.shift,
-        mask=bits.mask,
-        scale=bits.scale,
-        offset=bits.offset,
-        low=float(signal.minimum or 0),
-        high=float(signal.maximum or 0),
-        start=float((signal.raw_initial or 0) * signal.scale + signal.offset),
-    )
-
-
-def _bits(signal: Signal) -> SignalBits:
-    return SignalBits(
+def _field(signal: Signal) -> Field:
+    is_signed = signal.is_signed and not signal.is_float
+    return Field(
         signal=signal.name,
         shift=signal.start,
         mask=(1 << signal.length) - 1,
-        sign=1 << (signal.length - 1) if signal.is_signed and not signal.is_float else 0,
+        sign=1 << (signal.length - 1) if is_signed else 0,
         scale=float(signal.scale),
         offset=float(signal.offset),
+        low=float(signal.minimum or 0),
+        high=float(signal.maximum or 0),
+        start=float((signal.raw_initial or 0) * signal.scale + signal.offset),
         is_float=signal.is_float,
+    )
+
+
+def _bits(field: Field) -> SignalBits:
+    return SignalBits(
+        field.signal, field.shift, field.mask, field.sign, field.scale, field.offset, bool(field.is_float)
     )
 
 

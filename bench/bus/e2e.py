@@ -8,6 +8,8 @@ nibble of byte 1 the counter 0..14. The CRC is the CRC-8 of SAE J1850 (polynomia
 from collections.abc import Sequence
 from enum import Enum
 
+import cython
+
 CRC_SIGNAL, COUNTER_SIGNAL = "CRC", "AliveCounter"
 """The DBC's names for the two signals of a protected message."""
 
@@ -29,19 +31,8 @@ def _crc_table() -> tuple[int, ...]:
 
 
 CRC_TABLE = _crc_table()
-
-
-def _again(table: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the table of CRC contributions for a byte one further from the end than in `table`."""
-    return tuple(CRC_TABLE[crc] for crc in table)
-
-
-_AFTER_2 = _again(CRC_TABLE)
-_AFTER_3 = _again(_AFTER_2)
-_AFTER_4 = _again(_AFTER_3)
-_AFTER_5 = _again(_AFTER_4)
-_AFTER_6 = _again(_AFTER_5)
-_AFTER_7 = _again(_AFTER_6)
+_TABLE = bytes(CRC_TABLE)
+_MODULUS = COUNTER_MODULUS
 
 
 def crc_of_id(data_id: int) -> int:
@@ -49,24 +40,18 @@ def crc_of_id(data_id: int) -> int:
     return CRC_TABLE[CRC_TABLE[data_id & 0xFF] ^ data_id >> 8]
 
 
+def crc_from(start: cython.int, data: bytes) -> cython.int:
+    """Return the CRC that byte 0 of the message `data` must hold, from that of its data identifier."""
+    crc: cython.int = start
+    place: cython.Py_ssize_t
+    for place in range(1, len(data)):
+        crc = _TABLE[crc ^ data[place]]
+    return crc
+
+
 def crc_of_message(data: Sequence[int], data_id: int) -> int:
     """Return the CRC that byte 0 of the message `data` must hold; byte 0 itself is ignored."""
-    if len(data) == 8:
-        # The CRC is linear, so each byte contributes separately, by its distance from the end.
-        _, a, b, c, d, e, f, g = data
-        return (
-            _AFTER_7[crc_of_id(data_id) ^ a]
-            ^ _AFTER_6[b]
-            ^ _AFTER_5[c]
-            ^ _AFTER_4[d]
-            ^ _AFTER_3[e]
-            ^ _AFTER_2[f]
-            ^ (CRC_TABLE[g])
-        )
-    crc = crc_of_id(data_id)
-    for byte in data[1:]:
-        crc = CRC_TABLE[crc ^ byte]
-    return crc
+    return int(crc_from(crc_of_id(data_id), bytes(data)))
 
 
 def protect(data: bytearray, data_id: int, counter: int) -> None:
@@ -75,9 +60,14 @@ def protect(data: bytearray, data_id: int, counter: int) -> None:
     data[0] = crc_of_message(data, data_id)
 
 
+def is_whole(data: bytes, start: cython.int) -> cython.bint:
+    """Return whether `data` is valid: its CRC that from `start`, that of its data identifier, its counter not 15."""
+    return len(data) >= 2 and data[1] & _COUNTER_MASK < _MODULUS and data[0] == crc_from(start, data)
+
+
 def check(data: Sequence[int], data_id: int) -> bool:
     """Return whether `data` is a valid frame of message `data_id`: correct CRC, counter not 15."""
-    return len(data) >= 2 and data[1] & _COUNTER_MASK < COUNTER_MODULUS and data[0] == crc_of_message(data, data_id)
+    return bool(is_whole(bytes(data), crc_of_id(data_id)))
 
 
 class Status(Enum):
@@ -95,6 +85,14 @@ class Status(Enum):
     """No frame has arrived in this cycle, or none ever."""
 
 
+# A member of an enumeration is looked up in 50 ns.
+_OK, _REPEATED, _WRONG_SEQUENCE = Status.OK, Status.REPEATED, Status.WRONG_SEQUENCE
+_ERROR, _NONE = Status.ERROR, Status.NONE
+
+_NO_COUNTER = -1
+"""Before the first frame."""
+
+
 class Receiver:
     """Checks the received frames of one protected message, cycle by cycle.
 
@@ -108,22 +106,20 @@ class Receiver:
         errors: number of frames rejected (repeated, wrong sequence, error).
     """
 
-    __slots__ = ("_allowed_step", "_counter", "_data_id", "_max_step", "age", "errors", "status")
-
     def __init__(self, data_id: int, max_step: int = 1) -> None:
         """Expect the message of `data_id`, whose counter increases by at most `max_step` (1..14) per frame."""
-        self._data_id = data_id
+        self._crc_of_id = crc_of_id(data_id)
         self._max_step = max_step
         self._allowed_step = max_step
-        self._counter: int | None = None
+        self._counter = _NO_COUNTER
         self.status = Status.NONE
         self.age = 0
         self.errors = 0
 
     def check(self, data: Sequence[int]) -> Status:
         """Check one frame; use it only if the result is `Status.OK`."""
-        self.status = self._status_of(data)
-        if self.status is Status.OK:
+        self.status = self._status_of(bytes(data))
+        if self.status is _OK:
             self.age = 0
         else:
             self.errors += 1
@@ -132,19 +128,21 @@ class Receiver:
     def missed(self) -> Status:
         """Note that a cycle ended without a valid frame."""
         self.age += 1
-        self._allowed_step = min(self._allowed_step + 1, COUNTER_MODULUS - 1)
-        self.status = Status.NONE
+        self._allowed_step = min(self._allowed_step + 1, _MODULUS - 1)
+        self.status = _NONE
         return self.status
 
-    def _status_of(self, data: Sequence[int]) -> Status:
-        if not check(data, self._data_id):
-            return Status.ERROR
-        counter = data[1] & _COUNTER_MASK
-        previous, self._counter = self._counter, counter
-        if previous is None:
-            return Status.OK
-        step = (counter - previous) % COUNTER_MODULUS
+    def _status_of(self, data: bytes) -> Status:
+        if not is_whole(data, self._crc_of_id):
+            return _ERROR
+        counter: cython.int = data[1] & _COUNTER_MASK
+        previous: cython.int = self._counter
+        self._counter = counter
+        if previous == _NO_COUNTER:
+            return _OK
+        step: cython.int = (counter - previous) % _MODULUS
         if step == 0:
-            return Status.REPEATED
-        allowed, self._allowed_step = self._allowed_step, self._max_step
-        return Status.OK if step <= allowed else Status.WRONG_SEQUENCE
+            return _REPEATED
+        allowed: cython.int = self._allowed_step
+        self._allowed_step = self._max_step
+        return _OK if step <= allowed else _WRONG_SEQUENCE

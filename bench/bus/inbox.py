@@ -17,11 +17,12 @@ input with a good CRC is believed: the profile has no secret, so it protects aga
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+
+import cython
 
 from bench.bus.absence import BENCH_ABSENT, read_absence
 from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS, Receiver, Status
+from bench.bus.e2e import COUNTER_MODULUS, Status
 from bench.bus.link.base import Link
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.states import BenchCommand
@@ -40,16 +41,17 @@ _REFUSED = {
     Status.ERROR: ReceptionState.ERROR,
 }
 _FRESH = Reception(ReceptionState.OK, 0)
+_OK, _ERROR = Status.OK, Status.ERROR
+_MODULUS = COUNTER_MODULUS
 
 
-@dataclass(slots=True)
 class _Slot:
     """One input and its frames waiting for their step.
 
     Attributes:
         topic: bus and message of the input.
+        layout: where its signals are.
         receiver: checks its CRC and counter.
-        length: bytes of its frames.
         delay: cycles from sending to the step that uses it.
         timeout: cycles without a valid frame after which it is lost.
         waiting: signals by step; None if the frame must not be used or will not arrive.
@@ -57,14 +59,16 @@ class _Slot:
         reception: its reception state.
     """
 
-    topic: Topic
-    receiver: Receiver
-    length: int
-    delay: int
-    timeout: int
-    waiting: dict[int, Signals | None] = field(default_factory=dict)
-    refused: ReceptionState | None = None
-    reception: Reception = field(default_factory=Reception)
+    def __init__(self, topic: Topic, codec: Codec) -> None:
+        """Expect `topic`, as its bus's DBC describes it."""
+        self.topic = topic
+        self.layout = codec.layout(topic.message)
+        self.receiver = codec.receiver(self.layout.can_id)
+        self.delay = 0 if topic.message == BENCH_SYNC else topic.delay
+        self.timeout = codec.timeout_cycles(topic.message)
+        self.waiting: dict[int, Signals | None] = {}
+        self.refused: ReceptionState | None = None
+        self.reception = Reception()
 
     def receive(self, values: Signals | None) -> None:
         """Update the reception for a step that got `values`."""
@@ -78,14 +82,13 @@ class _Slot:
         self.refused = None
 
 
-@dataclass(slots=True)
 class _Bus:
     """One of the node's buses.
 
     Attributes:
         link: the node's end of the bus.
-        codec: the bus's codec.
-        sync_id, absent_id: identifiers of BenchSync and BenchAbsent.
+        sync: the layout of its BenchSync.
+        absent: the layout of its BenchAbsent.
         slots: the inputs received on it, by identifier.
         own: periods in cycles of the messages that the node itself sends on it, by identifier.
         opened: the newest cycle for which a BenchSync has arrived on this bus; -1 before the first.
@@ -94,15 +97,16 @@ class _Bus:
             when a frame was read.
     """
 
-    link: Link
-    codec: Codec
-    sync_id: int
-    absent_id: int
-    slots: dict[int, _Slot]
-    own: dict[int, int]
-    opened: int = -1
-    errors: int = 0
-    errors_before: int = 0
+    def __init__(self, link: Link, codec: Codec, slots: dict[int, _Slot], own: dict[int, int]) -> None:
+        """Listen on `link`."""
+        self.link = link
+        self.sync = codec.layout(BENCH_SYNC)
+        self.absent = codec.layout(BENCH_ABSENT)
+        self.slots = slots
+        self.own = own
+        self.opened = -1
+        self.errors = 0
+        self.errors_before = 0
 
 
 class Inbox:
@@ -165,8 +169,6 @@ class Inbox:
             _Bus(
                 link,
                 codecs[bus],
-                codecs[bus].can_id(BENCH_SYNC),
-                codecs[bus].can_id(BENCH_ABSENT),
                 self._slots_of(bus, codecs[bus]),
                 {
                     codecs[bus].can_id(topic.message): codecs[bus].period(topic.message)
@@ -177,7 +179,7 @@ class Inbox:
             for bus, link in links.items()
         )
         for bus in self._buses:
-            bus.link.select([*bus.slots, bus.absent_id])
+            bus.link.select([*bus.slots, bus.absent.can_id])
         self._slots = tuple(slot for bus in self._buses for slot in bus.slots.values())
         self._inputs = tuple(slot for slot in self._slots if slot.topic.message != BENCH_SYNC)
         for topic in self._topics:
@@ -196,22 +198,21 @@ class Inbox:
                     f"input {topic.message} on bus {bus} has no alive counter, which determines its cycle; "
                     "only messages with an E2EDataId can be inputs"
                 )
-            delay = 0 if topic.message == BENCH_SYNC else topic.delay
-            slots[can_id] = _Slot(
-                topic,
-                codec.receiver(can_id),
-                codec.message(topic.message).length,
-                delay,
-                codec.timeout_cycles(topic.message),
-            )
+            slots[can_id] = _Slot(topic, codec)
         return slots
 
     @property
     def health(self) -> Health:
         """The state of the buses as of the newest step."""
-        lost = sum(bus.link.frames_lost() for bus in self._buses)
-        errors = sum(bus.errors_before for bus in self._buses)
-        return Health(lost, errors, self.late, {slot.topic: slot.reception for slot in self._inputs})
+        lost, errors, receptions = 0, 0, {}
+        bus: _Bus
+        for bus in self._buses:
+            lost += bus.link.frames_lost()
+            errors += bus.errors_before
+        slot: _Slot
+        for slot in self._inputs:
+            receptions[slot.topic] = slot.reception
+        return Health(lost, errors, self.late, receptions)
 
     @property
     def complete(self) -> bool:
@@ -239,16 +240,18 @@ class Inbox:
     def drain(self) -> bool:
         """Read all frames that have arrived; return whether there were any."""
         arrived = False
+        bus: _Bus
         for bus in self._buses:
             for can_id, data in bus.link.receive():
                 arrived = True
-                slot = bus.slots.get(can_id)
-                if can_id == bus.sync_id:
-                    self._take_sync(bus, data)
-                elif slot is not None:
-                    self._sort(bus, slot, can_id, data)
-                elif can_id == bus.absent_id:
-                    self._note_absent(bus, data)
+                slot: _Slot | None = bus.slots.get(can_id)
+                if slot is None:
+                    if can_id == bus.absent.can_id:
+                        self._note_absent(bus, data)
+                elif can_id == bus.sync.can_id:
+                    self._take_sync(bus, slot, data)
+                else:
+                    self._sort(bus, slot, data)
         return arrived
 
     def take(self) -> dict[Topic, Signals | None]:
@@ -257,6 +260,7 @@ class Inbox:
         faults = self._plan.at(self.cycle)
         off = {bus.link.name for bus in self._buses if is_off(self._name, bus.link.name, faults)} if faults else ()
         inputs: dict[Topic, Signals | None] = {}
+        slot: _Slot
         for slot in self._inputs:
             if self.cycle not in slot.waiting:
                 slot.receiver.missed()
@@ -274,6 +278,7 @@ class Inbox:
 
     def skip(self) -> None:
         """Skip `cycle`: the others have continued without this node."""
+        slot: _Slot
         for slot in self._inputs:
             if self.cycle not in slot.waiting:
                 slot.receiver.missed()
@@ -283,33 +288,34 @@ class Inbox:
     def _forget(self) -> None:
         self._arrived.pop(self.cycle, None)
         self._excused.pop(self.cycle, None)
+        slot: _Slot
         for slot in self._slots:
             slot.waiting.pop(self.cycle, None)
         self.cycle += 1
 
-    def _sort(self, bus: _Bus, slot: _Slot, can_id: int, data: bytes) -> None:
-        status = slot.receiver.check(data if len(data) == slot.length else b"")
-        if status is not Status.OK:
+    def _sort(self, bus: _Bus, slot: _Slot, data: bytes) -> None:
+        status = slot.receiver.check(data if len(data) == slot.layout.length else b"")
+        if status is not _OK:
             bus.errors += 1
             slot.refused = _REFUSED[status]
-        if status is Status.ERROR:
+        if status is _ERROR:
             # The due frame may still arrive; in virtual time its absence would be announced.
             return
-        values = bus.codec.decode(can_id, data)[1]
-        if status is Status.OK and not bus.codec.is_possible(can_id, values):
+        values = slot.layout.decode(data)
+        if status is _OK and not slot.layout.is_possible(values):
             # Its CRC is correct by chance, or its sender is faulty.
-            status = Status.ERROR
+            status = _ERROR
             bus.errors += 1
             slot.refused = ReceptionState.ERROR
-        step = self._cycle_of(bus, data[1] & 0x0F) + slot.delay
-        if status is Status.OK and step < self.cycle:
+        step: cython.longlong = self._cycle_of(bus, data[1] & 0x0F) + slot.delay
+        if status is _OK and step < self.cycle:
             # In sequence, but late by whole cycles.
             bus.errors += 1
             slot.refused = ReceptionState.WRONG_SEQUENCE
-        self._put(slot, step, values if status is Status.OK else None)
+        self._put(slot, step, values if status is _OK else None)
 
-    def _take_sync(self, bus: _Bus, data: bytes) -> None:
-        sync = read_sync(bus.codec, data)
+    def _take_sync(self, bus: _Bus, slot: _Slot, data: bytes) -> None:
+        sync = read_sync(bus.sync, data)
         if sync is not None and not self._is_own(sync):
             sync = None
         if sync is not None and self.settled and sync.stops_after(self._newest(bus), realtime=self.realtime):
@@ -318,7 +324,7 @@ class Inbox:
             bus.errors_before = bus.errors
             self.realtime = sync.realtime
             self._open(bus, sync.cycle)
-            self._put(bus.slots[bus.sync_id], sync.cycle, None)
+            self._put(slot, sync.cycle, None)
         else:
             bus.errors += 1
 
@@ -328,13 +334,13 @@ class Inbox:
             return self._plan.has_stopped
         return self._plan.has_opened(sync.cycle, realtime=sync.realtime)
 
-    def _newest(self, bus: _Bus) -> int:
+    def _newest(self, bus: _Bus) -> cython.longlong:
         """The newest cycle on a bus; before its own first BenchSync, that on any bus."""
         return bus.opened if bus.opened >= 0 else self.opened
 
-    def _follows(self, bus: _Bus, sync: Sync) -> bool:
+    def _follows(self, bus: _Bus, sync: Sync) -> cython.bint:
         """Return whether a BenchSync other than STOP opens a cycle that may come next on this bus."""
-        cycle = sync.cycle
+        cycle: cython.longlong = sync.cycle
         if sync.command is BenchCommand.STOP:
             return False
         if not self.settled:
@@ -346,45 +352,48 @@ class Inbox:
             return cycle - AHEAD_CYCLES <= max(bus.opened, (self._clock() - self._zero_at) / CYCLE_S)
         return self._is_next(bus, cycle)
 
-    def _is_next(self, bus: _Bus, cycle: int) -> bool:
+    def _is_next(self, bus: _Bus, cycle: cython.longlong) -> cython.bint:
         return cycle == bus.opened + 1 if bus.opened >= 0 else self.cycle <= cycle <= self.opened + 1
 
     def _note_absent(self, bus: _Bus, data: bytes) -> None:
-        absence = None if self.realtime else read_absence(bus.codec, data)
+        absence = None if self.realtime else read_absence(bus.absent, data)
         if absence is None:
             bus.errors += 1
             return
-        identifier, cycle = absence
+        identifier: cython.longlong = absence.can_id
+        cycle: cython.longlong = absence.cycle
         if cycle > self._newest(bus) + 1 or not self._plan.has_opened(cycle, realtime=False):
             bus.errors += 1
             return
         if identifier in bus.own and cycle >= self.cycle:
             self._excused.setdefault(cycle, set()).add((bus.link.name, identifier))
-        slot = bus.slots.get(identifier)
-        if slot is not None and identifier != bus.sync_id:
-            step = cycle + slot.delay
+        slot: _Slot | None = bus.slots.get(identifier)
+        if slot is not None and identifier != bus.sync.can_id:
+            step: cython.longlong = cycle + slot.delay
             # Here, not in the step, which may be before or after the arrival of the sender's next frame.
             slot.receiver.missed()
             if step >= self.cycle and step not in slot.waiting:
                 self._fill(slot, step, None)
 
-    def _cycle_of(self, bus: _Bus, counter: int) -> int:
+    def _cycle_of(self, bus: _Bus, counter: cython.int) -> cython.longlong:
         """The newest possible cycle of a frame with this alive counter.
 
         The frame may arrive before the BenchSync of its own cycle, but not before that of the cycle before. Only the
         BenchSync of the frame's own bus counts, because a node that was stopped reads its queues bus by bus. A frame 14
         cycles late is taken for one of the next cycle: the profile's counter cannot distinguish them.
         """
-        newest = 1 + max(self._newest(bus), 0)
-        return newest - (newest - counter) % COUNTER_MODULUS
+        newest: cython.longlong = 1 + max(self._newest(bus), 0)
+        return newest - (newest - counter) % _MODULUS
 
-    def _open(self, bus: _Bus, cycle: int) -> None:
+    def _open(self, bus: _Bus, cycle: cython.longlong) -> None:
         if not self.settled and self.opened >= 0 and not self._is_next(bus, cycle):
             # The one before was not of this bench, or is too old.
             self.opened, self._zero_at = -1, math.inf
+            each: _Bus
             for each in self._buses:
                 each.opened = -1
-        first = self.opened < 0
+        first: cython.bint = self.opened < 0
+        slot: _Slot
         self.settled = self.settled or cycle == 0 or cycle == bus.opened + 1 > 0
         bus.opened = cycle
         if cycle > self.opened:
@@ -405,10 +414,10 @@ class Inbox:
                 # Sent in a cycle in which this node did not take part.
                 self._fill(slot, cycle, None)
 
-    def _put(self, slot: _Slot, step: int, values: Signals | None) -> None:
+    def _put(self, slot: _Slot, step: cython.longlong, values: Signals | None) -> None:
         if step >= self.cycle and step not in slot.waiting:
             self._fill(slot, step, values)
 
-    def _fill(self, slot: _Slot, step: int, values: Signals | None) -> None:
+    def _fill(self, slot: _Slot, step: cython.longlong, values: Signals | None) -> None:
         slot.waiting[step] = values
         self._arrived[step] = self._arrived.get(step, 0) + 1

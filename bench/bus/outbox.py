@@ -7,7 +7,8 @@ for ever.
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+
+import cython
 
 from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import Codec
@@ -23,16 +24,35 @@ from bench.faults.plan import FaultPlan, Faults, is_off
 LARGEST_FRAME_BITS = 135
 """A frame of 8 bytes with a short identifier and the maximum number of stuff bits (Davis et al. 2007, equation 1)."""
 
+_new = tuple.__new__
+
 Hits = list[tuple[Fault, FrameContext, Memory]]
 """The faults at work on a frame, each with its context and its memory."""
 
 
-class _Queued(NamedTuple):
-    """A message waiting to be sent in its cycle."""
+class _Message:
+    """A message of the node.
 
-    bus: str
-    message: str
-    values: Signals
+    Attributes:
+        bus, name: its bus and its name.
+        layout: where its signals are.
+        period: its period in cycles.
+        replaced: counts the values that could not be sent as they were.
+        frames: the frames of its bus that are ready to be sent.
+    """
+
+    def __init__(self, bus: str, name: str, codec: Codec, frames: list[CanFrame]) -> None:
+        """Describe the message `name` of `bus`."""
+        self.bus = bus
+        self.name = name
+        self.layout = codec.layout(name)
+        self.period = codec.period(name)
+        self.replaced = codec.replaced
+        self.frames = frames
+
+    def encoded(self, values: Signals, cycle: cython.longlong) -> bytes:
+        """Return the data of its frame of `cycle`, with start values for signals without one."""
+        return self.layout.encode(values, cycle % COUNTER_MODULUS, self.replaced, True)
 
 
 class Outbox:
@@ -50,9 +70,9 @@ class Outbox:
         self._name = name
         self._links = dict(links)
         self._codecs = codecs
-        self._queue: list[_Queued] = []
-        self._start_values: dict[tuple[str, str], dict[str, float]] = {}
-        self._periods: dict[tuple[str, str], int] = {}
+        self._queue: list[tuple[_Message, Signals]] = []
+        self._messages: dict[tuple[str, str], _Message] = {}
+        self._frames: dict[str, list[CanFrame]] = {bus: [] for bus in links}
         self._held: defaultdict[int, list[BusFrame]] = defaultdict(list)
         self._memories: defaultdict[tuple[int, str, int], Memory] = defaultdict(dict)
 
@@ -63,78 +83,83 @@ class Outbox:
             BadInput: the node is not on this bus.
             EncodeError: the bus's DBC has no such message.
         """
-        key = (bus, message)
-        if key not in self._periods:
+        known = self._messages.get((bus, message))
+        if known is None:
             if bus not in self._links:
                 raise BadInput(f"{self._name} sends {message} on bus {bus}; it is on {', '.join(self._links)}")
-            codec = self._codecs[bus]
-            self._start_values[key] = codec.start_values(message)
-            self._periods[key] = codec.period(message)
-        self._queue.append(_Queued(bus, message, values))
+            known = self._messages[bus, message] = _Message(bus, message, self._codecs[bus], self._frames[bus])
+        self._queue.append((known, values))
 
-    def send(self, cycle: int, *, lockstep: bool = True) -> None:
+    def send(self, cycle: cython.longlong, *, lockstep: bool = True) -> None:
         """Send the messages as the frames of `cycle`; in virtual time announce absent ones."""
         queue, self._queue = self._queue, []
         self.plan.refresh()
         faults = self.plan.at(cycle)
-        if not faults and not self._held:
-            for item in queue:
-                if cycle % self._periods[item.bus, item.message] == 0:
-                    self._links[item.bus].send(*self._encoded(item, cycle))
-            return
-        due = [item for item in queue if cycle % self._periods[item.bus, item.message] == 0]
-        self._send_faulty(due, faults, cycle, lockstep)
+        message: _Message
+        if faults or self._held:
+            due = [(message, values) for message, values in queue if cycle % message.period == 0]
+            self._send_faulty(due, faults, cycle, lockstep)
+        else:
+            for message, values in queue:
+                if cycle % message.period == 0:
+                    frame = _new(CanFrame, (message.layout.can_id, message.encoded(values, cycle)))
+                    message.frames.append(frame)
+        self._flush()
+
+    def _flush(self) -> None:
+        """Send what is ready, all frames of a bus at once."""
+        for bus, frames in self._frames.items():
+            if frames:
+                self._links[bus].send_all(frames)
+                frames.clear()
 
     def absent(self, bus: str, can_id: int, cycle: int) -> None:
         """Announce that a frame will not be sent in this cycle."""
-        self._links[bus].send(
-            *self._codecs[bus].encode(BENCH_ABSENT, {"Identifier": can_id, "Cycle": cycle}, counter=cycle)
-        )
+        self._links[bus].send(*self._absence(bus, can_id, cycle))
 
-    def _values(self, item: _Queued) -> dict[str, float]:
-        return {**self._start_values[item.bus, item.message], **item.values}
+    def _absence(self, bus: str, can_id: int, cycle: int) -> CanFrame:
+        return self._codecs[bus].encode(BENCH_ABSENT, {"Identifier": can_id, "Cycle": cycle}, counter=cycle)
 
-    def _encoded(self, item: _Queued, cycle: int) -> CanFrame:
-        return self._codecs[item.bus].encode(item.message, self._values(item), cycle)
-
-    def _send_faulty(self, queue: Iterable[_Queued], faults: Faults, cycle: int, lockstep: bool) -> None:
+    def _send_faulty(
+        self, queue: Iterable[tuple[_Message, Signals]], faults: Faults, cycle: int, lockstep: bool
+    ) -> None:
         off = {bus for bus in self._links if is_off(self._name, bus, faults)}
         starved = {bus: _starved(self._codecs[bus], bus, faults) for bus in self._links}
         for held in [due for due in self._held if due <= cycle]:
             for bus, can_id, data in self._held.pop(held):
                 if bus not in off:
-                    self._links[bus].send(can_id, data)
+                    self._frames[bus].append(CanFrame(can_id, data))
         self._send_babble(faults, off, cycle)
-        for item in queue:
-            bus = item.bus
-            hits = self._hits(item, faults, cycle)
-            values = self._values(item)
+        message: _Message
+        for message, given in queue:
+            bus, can_id = message.bus, message.layout.can_id
+            hits = self._hits(message, faults, cycle)
+            values = {**self._codecs[bus].start_values(message.name), **given}
             for fault, frame, memory in hits:
                 fault.on_values(values, frame, memory)
-            can_id, data = self._codecs[bus].encode(item.message, values, cycle)
+            data = message.encoded(values, cycle)
             if bus in off or can_id in starved[bus]:
                 frames: list[bytes] = []
                 good = False
             else:
-                frames, good = self._on_the_way(item, data, hits) if hits else ([data], True)
-            for each in frames:
-                self._links[bus].send(can_id, each)
+                frames, good = self._on_the_way(message, data, hits) if hits else ([data], True)
+            self._frames[bus] += [CanFrame(can_id, each) for each in frames]
             # Receivers cannot detect that an unprotected frame is wrong.
-            if lockstep and not good and (not frames or self._codecs[bus].is_protected(can_id)):
-                self.absent(bus, can_id, cycle)
+            if lockstep and not good and (not frames or message.layout.data_id):
+                self._frames[bus].append(self._absence(bus, can_id, cycle))
 
-    def _hits(self, item: _Queued, faults: Faults, cycle: int) -> Hits:
+    def _hits(self, message: _Message, faults: Faults, cycle: int) -> Hits:
         """Return the faults at work on a message's frame in this cycle."""
-        can_id = self._codecs[item.bus].can_id(item.message)
+        bus, can_id = message.bus, message.layout.can_id
         return [
-            (fault, self.plan.context(index, item.bus, can_id, cycle), self._memories[index, item.bus, can_id])
+            (fault, self.plan.context(index, bus, can_id, cycle), self._memories[index, bus, can_id])
             for index, fault in faults
-            if fault.hits(item.bus, item.message)
+            if fault.hits(bus, message.name)
         ]
 
-    def _on_the_way(self, item: _Queued, data: bytes, hits: Hits) -> tuple[list[bytes], bool]:
+    def _on_the_way(self, message: _Message, data: bytes, hits: Hits) -> tuple[list[bytes], bool]:
         """Return the frames to send now, and whether this cycle's frame is among them and valid."""
-        changed, good = self._changed(item, data, hits)
+        changed, good = self._changed(message, data, hits)
         behind: list[bytes] = []
         for fault, frame, memory in hits:
             passage = fault.passage(changed, frame, memory)
@@ -146,21 +171,21 @@ class Outbox:
         copies = sum(fault.extra(frame) for fault, frame, _ in hits) - len(behind)
         return [changed] * (1 + max(0, copies)) + behind, good
 
-    def _changed(self, item: _Queued, data: bytes, hits: Hits) -> tuple[bytes, bool]:
+    def _changed(self, message: _Message, data: bytes, hits: Hits) -> tuple[bytes, bool]:
         """Return a frame's bytes after the faults, and whether receivers accept them."""
         changed, repeated = data, False
         for fault, frame, _ in hits:
             counter = fault.counter(frame)
             if counter is not None:
-                changed = self._with_counter(item, changed, counter)
+                changed = self._with_counter(message, changed, counter)
                 # A stuck counter is correct every fifteenth time, but receivers see a repeated frame.
                 repeated |= counter != frame.cycle
             changed = fault.on_bytes(changed, frame)
         return changed, changed == data and not repeated
 
-    def _with_counter(self, item: _Queued, data: bytes, counter: int) -> bytes:
+    def _with_counter(self, message: _Message, data: bytes, counter: int) -> bytes:
         changed = bytearray(data)
-        protect(changed, self._codecs[item.bus].data_id(item.message), counter % COUNTER_MODULUS)
+        protect(changed, message.layout.data_id, counter % COUNTER_MODULUS)
         return bytes(changed)
 
     def _send_babble(self, faults: Faults, off: set[str], cycle: int) -> None:
@@ -168,7 +193,7 @@ class Outbox:
             for bus, can_id in fault.identifiers(self._name):
                 if bus not in off:
                     for data in fault.payloads(self.plan.chance(index, bus, can_id, cycle)):
-                        self._links[bus].send(can_id, data)
+                        self._frames[bus].append(CanFrame(can_id, data))
 
 
 def _starved(codec: Codec, bus: str, faults: Faults) -> frozenset[int]:

@@ -1,8 +1,9 @@
 """State and age of a message's reception."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from enum import IntEnum
+from types import MappingProxyType
+from typing import NamedTuple
 
 from bench.bus.topic import Topic
 
@@ -26,8 +27,7 @@ class ReceptionState(IntEnum):
     """No valid frame within the message's timeout."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reception:
+class Reception(NamedTuple):
     """The reception of one input.
 
     Attributes:
@@ -44,8 +44,7 @@ class Reception:
         return self.state is ReceptionState.LOST
 
 
-@dataclass(frozen=True, slots=True)
-class Health:
+class Health(NamedTuple):
     """State of a node's buses since its start.
 
     Attributes:
@@ -58,7 +57,7 @@ class Health:
     frames_lost: int = 0
     e2e_errors: int = 0
     late_cycles: int = 0
-    inputs: Mapping[Topic, Reception] = field(default_factory=dict)
+    inputs: Mapping[Topic, Reception] = MappingProxyType({})
 
     def of(self, topic: Topic) -> Reception:
         """Return an input's reception; a topic that is not watched is as before the first frame."""

@@ -6,8 +6,8 @@ counter and time those of its cycle. Each receiver also requires that its cycle 
 
 from typing import NamedTuple
 
-from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.e2e import COUNTER_MODULUS, is_whole
+from bench.bus.layout import Layout
 from bench.bus.states import BenchCommand
 from bench.cycle import time_of
 
@@ -39,15 +39,14 @@ class Sync(NamedTuple):
         return self.command is BenchCommand.STOP and self.cycle > 0 and 0 <= lag <= (STOP_LAG if realtime else 0)
 
 
-def read_sync(codec: Codec, data: bytes) -> Sync | None:
-    """Return the BenchSync in the bytes of a frame of its identifier; None if it is not whole and consistent."""
-    can_id = codec.can_id(BENCH_SYNC)
-    if len(data) != _LENGTH or not check(data, codec.data_id(BENCH_SYNC)):
+def read_sync(layout: Layout, data: bytes) -> Sync | None:
+    """Return the BenchSync, whose layout is given, in the bytes of a frame; None if it is not whole and consistent."""
+    if len(data) != _LENGTH or not is_whole(data, layout.crc_of_id):
         return None
-    values = codec.decode(can_id, data)[1]
+    values = layout.decode(data)
     cycle = int(values["Cycle"])
     is_consistent = (
-        codec.is_possible(can_id, values)
+        layout.is_possible(values)
         and values["AliveCounter"] == cycle % COUNTER_MODULUS
         and abs(values["Time"] - min(time_of(cycle), _LATEST_S)) <= _ROUNDING_S
     )

@@ -1,7 +1,7 @@
 """What a node exchanges over the buses: topics, outgoing messages, bus health."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.names import V2V
 
@@ -9,8 +9,7 @@ Signals = Mapping[str, float]
 """The physical values of one message's signals by name, in the DBC's units."""
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
+class Topic(NamedTuple):
     """One message on one bus, to be received."""
 
     bus: str
@@ -26,8 +25,7 @@ class Topic:
         return 1 if self.bus == V2V else 0
 
 
-@dataclass(frozen=True, slots=True)
-class Outgoing:
+class Outgoing(NamedTuple):
     """One message to be sent: bus, message, its signals' physical values in the DBC's units.
 
     Signals missing in `values` are sent with their start value.

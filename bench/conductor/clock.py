@@ -75,6 +75,6 @@ def _told_to_stop(
     """Whether the conductor has sent STOP after the cycle `newest`, or has ended; any other frame is ignored."""
     sync_id = codec.can_id(BENCH_SYNC)
     readable, _, _ = select.select([lifeline, link.fileno()], [], [], timeout_s)
-    syncs = (read_sync(codec, data) for can_id, data in link.receive() if can_id == sync_id)
+    syncs = (read_sync(codec.layout(BENCH_SYNC), data) for can_id, data in link.receive() if can_id == sync_id)
     told = any(sync is not None and sync.stops_after(newest, realtime=True) for sync in syncs)
     return lifeline in readable or (told and plan.has_stopped)

@@ -139,7 +139,7 @@ class CycleFrames:
     def _waits_for(self, bus: str, can_id: int, data: bytes) -> bool:
         """Return whether the cycle waits for this frame that no DBC file makes due, and take it."""
         if can_id == self._absent_id[bus]:
-            absence = read_absence(self._codecs[bus], data)
+            absence = read_absence(self._codecs[bus].layout(BENCH_ABSENT), data)
             return absence is not None and absence.cycle == self.number and self.give_up(bus, absence.can_id)
         if self._extra.get((bus, can_id)):
             self._extra[bus, can_id] -= 1

@@ -212,7 +212,7 @@ class Realtime(Conductor):
 
     def _begin(self, bus: str, data: bytes, received: int) -> int | None:
         """Begin the cycle of the clock's BenchSync; return its number, None if this one is not the clock's."""
-        sync = read_sync(self._codecs[bus], data)
+        sync = read_sync(self._codecs[bus].layout(BENCH_SYNC), data)
         if sync is None or not sync.realtime or not self._has_clock:
             return None
         number = sync.cycle

@@ -53,7 +53,7 @@ class FaultBoard:
     @property
     def count(self) -> int:
         """Number of faults on the board."""
-        return int(_HEAD.unpack_from(self._memory)[0])
+        return self._words[0]
 
     def post(self, fault: Fault) -> None:
         """Add a fault to the board.
@@ -94,6 +94,10 @@ class FaultBoard:
         return bool(self._words[_STOPPED])
 
 
+def _none_at(cycle: int) -> Faults:  # noqa: ARG001 - as `FaultPlan.at`
+    return ()
+
+
 class FaultPlan:
     """The faults of a run and their times.
 
@@ -112,7 +116,7 @@ class FaultPlan:
     def _set(self, faults: Sequence[Fault]) -> None:
         self.faults = tuple(faults)
         self._windows = [Window(fault, CYCLE_S) for fault in self.faults]
-        self.at = lru_cache(maxsize=4)(self._at)
+        self.at = lru_cache(maxsize=4)(self._at) if faults else _none_at
 
     def refresh(self) -> None:
         """Read new faults from the board."""

@@ -65,7 +65,7 @@ def _bus_log(run: Run, bus: str, codec: Codec, limit: int) -> BusLog:
     begun = np.zeros(len(synced), np.int64)
     realtime = False
     for row in table[table["can_id"] == codec.can_id(BENCH_SYNC)]:
-        sync = read_sync(codec, _data(row))
+        sync = read_sync(codec.layout(BENCH_SYNC), _data(row))
         # The log has a refused one, whatever cycle it names, in that in which it came.
         if sync is None or sync.command is BenchCommand.STOP or sync.cycle != row["time"] // CYCLE_NS:
             continue
@@ -183,7 +183,7 @@ class EcuLog:
     def absent(self, frame: BusFrame) -> int | None:
         """Return which identifier a frame announces as absent, None where it does not."""
         bus, can_id, data = frame
-        absence = read_absence(self.codecs[bus], data) if can_id == self._absent_ids[bus] else None
+        absence = read_absence(self.codecs[bus].layout(BENCH_ABSENT), data) if can_id == self._absent_ids[bus] else None
         return None if absence is None else absence.can_id
 
     def cycle(self, number: int) -> list[BusFrame]:

@@ -111,6 +111,21 @@ def test_links_are_told_which_frames_are_wanted() -> None:
         assert sorted(links[bus].wanted) == sorted(wanted)
 
 
+def test_a_frame_that_was_not_asked_for_changes_nothing() -> None:
+    """To a link, the selection is a hint."""
+
+    class Unselective(DirectLink):
+        def select(self, can_ids: Collection[int]) -> None:
+            pass
+
+    hub = Hub()
+    far, near = DirectLink("veh1", hub), Unselective("veh1", hub)
+    inbox = Inbox({"veh1": near}, CODECS, (MOTION,))
+    far.send(0x7FF, bytes(8))
+    assert inbox.drain()
+    assert (inbox.health.e2e_errors, inbox.opened, inbox.complete) == (0, -1, False)
+
+
 def test_a_cycle_is_complete_with_every_bench_sync_and_every_input() -> None:
     rig = Rig()
     rig.sync(0, "veh1")

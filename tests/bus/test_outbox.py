@@ -33,6 +33,16 @@ def test_a_slow_message_goes_out_in_its_cycles_only() -> None:
     assert len(far.receive()) == 3
 
 
+def test_an_absence_names_the_frame_and_its_cycle() -> None:
+    address = Address.parse("direct")
+    far, near = open_link("veh1", address), open_link("veh1", address)
+    can_id = CODEC.can_id("TrackerStatus")
+    Outbox("veh1.tracker", {"veh1": near}, CODECS).absent("veh1", can_id, 17)
+    (announcement,) = far.receive()
+    values = {"Identifier": can_id, "Cycle": 17}
+    assert announcement == CODEC.encode("BenchAbsent", values, 17)
+
+
 def test_a_bus_that_the_node_is_not_on_is_refused() -> None:
     links = {bus: open_link(bus, Address.parse("direct")) for bus in ("veh1", "v2v")}
     outbox = Outbox("veh1.planner", links, CODECS)

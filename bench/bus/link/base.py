@@ -1,7 +1,7 @@
 """The base class of links: one end of one bus of classical CAN frames."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from types import TracebackType
 
 from bench.bus.frame import CanFrame
@@ -44,6 +44,15 @@ class Link(ABC):
         Raises:
             LinkError: the bus does not accept it.
         """
+
+    def send_all(self, frames: Sequence[CanFrame]) -> None:
+        """Send frames in this order, with fewer calls of the system than `send` where the link can.
+
+        Raises:
+            LinkError: the bus does not accept one of them.
+        """
+        for can_id, data in frames:
+            self.send(can_id, data)
 
     @abstractmethod
     def receive(self) -> list[CanFrame]:
