@@ -1,6 +1,7 @@
 """What a node exchanges over the buses: topics, outgoing messages, bus health."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from bench.names import V2V
@@ -25,7 +26,8 @@ class Topic(NamedTuple):
         return 1 if self.bus == V2V else 0
 
 
-class Outgoing(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Outgoing:
     """One message to be sent: bus, message, its signals' physical values in the DBC's units.
 
     Signals missing in `values` are sent with their start value.
