@@ -1,4 +1,4 @@
-"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record]`, all if none is named.
+"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record | rmpc]`, all if none is named.
 
 `against REV` compares this checkout with another revision.
 """
@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bench.benchmarks import bus, fmu, live, loop, record
 from bench.benchmarks.against import command as against
+from bench.benchmarks.rmpc import command as rmpc
 from bench.errors import BenchError
 
 PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
@@ -20,6 +21,7 @@ PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
     "fmu": fmu.tables,
     "live": live.tables,
     "record": record.tables,
+    "rmpc": rmpc.tables,
 }
 
 
@@ -29,8 +31,8 @@ def main() -> None:
     parts = parser.add_subparsers(
         dest="part", metavar="PART", help=f"the only part to run: {', '.join(PARTS)}, against"
     )
-    for name in PARTS:
-        parts.add_parser(name)
+    described = {name: parts.add_parser(name) for name in PARTS}
+    rmpc.add_arguments(described["rmpc"])
     against.add_arguments(parts.add_parser("against", help="compare this checkout with another revision"))
     options = parser.parse_args()
     console = Console(width=120)
@@ -46,6 +48,9 @@ def main() -> None:
 def _tables(options: argparse.Namespace) -> Iterator[Table | str]:
     if options.part == "against":
         yield from against.compare(options)
+        return
+    if options.part == "rmpc":
+        yield from rmpc.measured(options)
         return
     for name, tables in PARTS.items():
         if options.part in (None, name):

@@ -166,6 +166,6 @@ class LmiTracker(TrackerEcu):
 
 
 class PrintedLmiTracker(LmiTracker):
-    """The same with eps I, as printed: its bound is up to 12 % higher."""
+    """The same with eps I, as printed: more conservative, see docs/rmpc-benchmark.md."""
 
     printed = True
