@@ -17,6 +17,7 @@ from bench.analysis.figure import Curve, Figure, Line
 from bench.analysis.motion import Array
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
+from bench.analysis.step_times import longest, longest_in_ms
 from bench.analysis.timing import histograms, timing
 from bench.names import V2V, vehicle_of
 from bench.record import Run
@@ -287,28 +288,34 @@ class Figures:
         )
         for message, signal, title in timings:
             curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
-            self._add_sent(self._timing(f"{message}{signal}".lower(), title, group, curves))
+            self._add_sent(self._timing(f"{message}{signal}".lower(), title, group, curves, self._longest(message)))
         iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
         self._add_sent(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
         tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
         self._add_sent(self._over_time("tau", "Cost bound τ", group, "τ", tau))
 
-    def _timing(self, figure_id: str, title: str, group: str, curves: list[Curve]) -> Figure:
+    def _longest(self, message: str) -> str:
+        """Return the sentence of what each time of a message is the longest; empty if every step has one."""
+        of = longest(longest_in_ms(self._run, message))
+        return f"Each is the {of}." if of else ""
+
+    def _timing(self, figure_id: str, title: str, group: str, curves: list[Curve], of: str) -> Figure:
         """Return a figure of times in ms, cut off so that a few outliers do not flatten the other values."""
         times = [value for curve in curves for value in self.pool[curve.y] if value is not None] or [0.0]
         highest, usual = max(times), 1.6 * float(np.percentile(times, 99))
         if highest <= 2.0 * usual:
-            return self._over_time(figure_id, title, group, "time [ms]", curves, y_range=[0.0, 1.0])
-        caption = f"Maximum, outside the figure: {highest:.1f} ms."
+            return self._over_time(figure_id, title, group, "time [ms]", curves, caption=of, y_range=[0.0, 1.0])
+        caption = f"{of} Maximum, outside the figure: {highest:.1f} ms.".strip()
         return replace(self._over_time(figure_id, title, group, "time [ms]", curves, caption=caption), y_top=usual)
 
     def _histogram(self, group: str) -> None:
         """Add the distribution of the tracker's solve times over all vehicles."""
-        found = [self._series.signal(v, "TrackerTiming", "SolveTime") for v in self._vehicles]
+        found = [self._series.signal(v, "TrackerTiming", "SolveTime", points=True) for v in self._vehicles]
         times = np.concatenate([values for values in found if values is not None] or [np.empty(0)]) * 1e-3
         times = times[np.isfinite(times) & (times > 0)]
         if not len(times):
             return
+        of = self._longest("TrackerTiming")
         # Rare long solves would squeeze all others into one bar; the last bar counts them.
         top = float(np.percentile(times, 99.5))
         counts, edges = np.histogram(np.minimum(times, top), bins=60)
@@ -322,7 +329,7 @@ class Figures:
                 "time [ms]",
                 "solves",
                 [Curve("all vehicles", "hist.x", "hist.y", "ink", at="", step=True, fill=True)],
-                caption=f"The last bar includes all longer solves (over {top:.1f} ms).",
+                caption=f"{of} The last bar includes all longer solves (over {top:.1f} ms).".strip(),
                 time=False,
                 y_range=[0.0, 1.0],
             )
@@ -399,7 +406,7 @@ class Figures:
         have = [
             v
             for v in self._vehicles
-            if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak, hold=step)
+            if self._put_signal(f"{v}.{key}", v, message, signal, factor=factor, peak=peak, hold=step, points=points)
         ]
         curves = [self._curve(v, "t", f"{v}.{key}", dash=dash, step=step, points=points) for v in have]
         return [replace(curve, label=f"{curve.name} {what}") for curve in curves] if what else curves
@@ -463,8 +470,9 @@ class Figures:
         factor: float = 1.0,
         peak: bool = False,
         hold: bool = False,
+        points: bool = False,
     ) -> bool:
-        values = self._series.signal(v, message, signal, hold=hold)
+        values = self._series.signal(v, message, signal, hold=hold, points=points)
         if values is None:
             return False
         self._series.put(key, values * factor, peak=peak)

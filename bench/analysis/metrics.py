@@ -49,7 +49,8 @@ class Metrics:
         boundary_margin_min: minimum of 1 - |gamma| / gamma_max of the ground truth; negative is outside the boundary.
         speed_rmse_mps: RMS of ground truth minus the planner's reference for the same cycle; None if it sent none.
         yaw_rate_rmse_radps: the same for the yaw rate.
-        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles.
+        solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; of the longest solves in as
+            many ms as the third item says, which is the DBC's cycle time of the message.
         tracker_ms: the same for the tracker's complete step.
         planner_ms: the same for the planner's complete step.
         fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bench.analysis.motion import Array, Motion, motion
 from bench.analysis.told import told
 from bench.cycle import CYCLE_S
+from bench.names import vehicle_bus
 from bench.record import Run
 from bench.record.time_join import Rows, last_until, same_times, whole_ns
 
@@ -55,20 +56,29 @@ class Series:
             stride = -(-round(run.scenario.duration_s / CYCLE_S) // MAX_POINTS)
             self._kept = np.flatnonzero(np.rint(self.truth.t / CYCLE_S).astype(np.int64) % stride == 0)
 
-    def signal(self, v: int, message: str, signal: str, *, hold: bool = False) -> Array | None:
+    def signal(self, v: int, message: str, signal: str, *, hold: bool = False, points: bool = False) -> Array | None:
         """Return a signal of vehicle `v` at all times, NaN for missing values; None if its ECU sent none, see `told`.
 
-        With `hold` a value is held until the message is due again.
+        Between the frames of a message that is not sent in every cycle it is on a straight line; with `hold` a value is
+        held until the message is due again, and with `points` there is none.
         """
         found = np.full(len(self.truth.t), np.nan)
         sent = told(self._run, v, message, signal)
         if sent is None:
             return found if self.live and self._run.has(f"veh{v}", message) else None
         times, values = sent
+        period_s = self._period_s(v, message)
+        if period_s > CYCLE_S and not hold and not points:
+            return between(times, values, self.truth.t, period_s)
         hold = hold and len(times) > 1
         rows, at = until_due(times, self.truth.t) if hold else same_times(times, self.truth.t)
         found[at] = values[rows]
         return found
+
+    def _period_s(self, v: int, message: str) -> float:
+        """Return the cycle time of a message by the log's DBC file (s)."""
+        codec = self._run.codec(vehicle_bus(v))
+        return CYCLE_S * (codec.period(message) if codec is not None and message in codec.names else 1)
 
     def true(self, v: int, name: str) -> Array | None:
         """Return the ground truth `name` of vehicle `v` at all times; None if it was not recorded."""
@@ -115,6 +125,26 @@ def until_due(times: Array, t: Array) -> tuple[Rows, Rows]:
     period_s = float(np.median(np.diff(times)))
     at = np.flatnonzero((rows >= 0) & (t - times[rows] < period_s - CYCLE_S / 2.0))
     return rows[at], at
+
+
+def between(times: Array, values: Array, t: Array, period_s: float) -> Array:
+    """Return a signal of a message with a period at `t` (n,) s, from its `values` (m,) at `times` (m,) s, ascending.
+
+    It is on a straight line between two frames of which the second came when it was due, and goes on in the direction
+    of the last two until the next frame is due; NaN elsewhere.
+    """
+    sent, first = np.unique(whole_ns(times), return_index=True)
+    values, at = values[first], whole_ns(t)
+    before = last_until(sent, at)
+    steps = np.diff(sent)
+    # By frame: the change to the next one, and whether that came when it was due.
+    slope = np.append(np.diff(values) / steps, 0.0)
+    joined = np.append(steps < 1.5e9 * period_s, False)
+    slope = np.where(joined, slope, np.concatenate([[0.0], np.where(joined, slope, 0.0)[:-1]]))
+    since = at - sent[before]
+    valid = (before >= 0) & (joined[before] | (since < round(1e9 * (period_s - CYCLE_S / 2.0))))
+    found: Array = np.where(valid, values[before] + slope[before] * since, np.nan)
+    return found
 
 
 def short(values: Iterable[float]) -> Iterable[float | None]:

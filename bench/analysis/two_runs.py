@@ -149,4 +149,4 @@ def _listed(value: Value) -> list[float | None]:
 
 
 def _times(times: dict[str, float] | None) -> list[float | None]:
-    return [None, None] if times is None else list(times.values())
+    return [None, None] if times is None else [times["p50"], times["p99"]]

@@ -7,8 +7,10 @@ cdef class _Message:
     cdef readonly Layout layout
     cdef readonly int period
     cdef readonly list frames
+    cdef readonly dict largest
     cdef Replaced replaced
 
+    cpdef object to_send(self, object values)
     cpdef bytes encoded(self, object values, long long cycle)
 
 cdef class Outbox:

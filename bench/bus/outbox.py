@@ -39,6 +39,7 @@ class _Message:
         period: its period in cycles.
         replaced: counts the values that could not be sent as they were.
         frames: the frames of its bus that are ready to be sent.
+        largest: of a message of wall-clock times, the largest value of each signal since it was last sent; else None.
     """
 
     def __init__(self, bus: str, name: str, codec: Codec, frames: list[CanFrame]) -> None:
@@ -49,6 +50,15 @@ class _Message:
         self.period = codec.period(name)
         self.replaced = codec.replaced
         self.frames = frames
+        self.largest: dict[str, float] | None = {} if codec.is_wall_clock(self.layout.can_id) else None
+
+    def to_send(self, values: Signals) -> Signals:
+        """Return what to send if it is sent now, after `values` were put in."""
+        if self.largest is None:
+            return values
+        for signal, value in values.items():
+            self.largest[signal] = max(value, self.largest.get(signal, value))
+        return self.largest
 
     def encoded(self, values: Signals, cycle: cython.longlong) -> bytes:
         """Return the data of its frame of `cycle`, with start values for signals without one."""
@@ -59,7 +69,8 @@ class Outbox:
     """Collects a node's messages of a cycle and sends them together.
 
     Signals without a value are sent with their start value. A message with a longer cycle time than the bench's is sent
-    when it is due, however often it is put in.
+    when it is due, however often it is put in, with its newest values; one of wall-clock times with the largest
+    value of each signal since it was last sent: the longest step matters, in whatever cycle it was.
     """
 
     def __init__(
@@ -88,7 +99,7 @@ class Outbox:
             if bus not in self._links:
                 raise BadInput(f"{self._name} sends {message} on bus {bus}; it is on {', '.join(self._links)}")
             known = self._messages[bus, message] = _Message(bus, message, self._codecs[bus], self._frames[bus])
-        self._queue.append((known, values))
+        self._queue.append((known, known.to_send(values)))
 
     def send(self, cycle: cython.longlong, *, lockstep: bool = True) -> None:
         """Send the messages as the frames of `cycle`; in virtual time announce absent ones."""
@@ -96,14 +107,16 @@ class Outbox:
         self.plan.refresh()
         faults = self.plan.at(cycle)
         message: _Message
+        due = [(message, values) for message, values in queue if cycle % message.period == 0]
         if faults or self._held:
-            due = [(message, values) for message, values in queue if cycle % message.period == 0]
             self._send_faulty(due, faults, cycle, lockstep)
         else:
-            for message, values in queue:
-                if cycle % message.period == 0:
-                    frame = _new(CanFrame, (message.layout.can_id, message.encoded(values, cycle)))
-                    message.frames.append(frame)
+            for message, values in due:
+                frame = _new(CanFrame, (message.layout.can_id, message.encoded(values, cycle)))
+                message.frames.append(frame)
+        for message, _ in due:
+            if message.largest is not None:
+                message.largest = {}
         self._flush()
 
     def _flush(self) -> None:

@@ -105,6 +105,7 @@ class PlannerEcu:
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
         """Plan the next cycle's reference and broadcast this cycle's motion."""
         begin = perf_counter()
+        self._optimise_s = 0.0
         if self._first_cycle is None:
             self._first_cycle, self._last_cycle = cycle, cycle - 1
             if cycle == 0:
@@ -181,7 +182,7 @@ class PlannerEcu:
             self._last = self._planner.step(cycle, time_s, own, v_x, self._neighbours(), braking, way)
             manoeuvre = Manoeuvre.PLATOON if braking is None else Manoeuvre.FALL_BACK
         self._following.ask(self._last.v_x, self._last.yaw_rate)
-        self._optimise_s = self._last.optimise_s or self._optimise_s
+        self._optimise_s = self._last.optimise_s
         return manoeuvre if self._planner.assigned else Manoeuvre.NONE
 
     def _neighbours(self) -> dict[int, Motion]:

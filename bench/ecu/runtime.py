@@ -38,7 +38,12 @@ class _Due(NamedTuple):
 
 
 class EcuNode:
-    """An ECU as a node on its buses."""
+    """An ECU as a node on its buses.
+
+    Attributes:
+        name: name in messages to people.
+        input_wait_s: in real time, how long after BenchSync it waits for its inputs (s).
+    """
 
     def __init__(
         self,
@@ -72,7 +77,7 @@ class EcuNode:
         self._links = dict(links)
         self._due = [_Due.of(topic, codecs[topic.bus]) for topic in sends]
         self._codecs = codecs
-        self._input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
+        self.input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
         self._clock = clock
         plan = plan or FaultPlan()
         try:
@@ -109,7 +114,7 @@ class EcuNode:
         inbox = self._inbox
         if not inbox.realtime or not inbox.settled or inbox.cycle > inbox.opened:
             return None
-        return inbox.opened_at + self._input_wait_s
+        return inbox.opened_at + self.input_wait_s
 
     @property
     def rest_until(self) -> float:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bench.cycle import CYCLE_NS
 from bench.live.tail import Chunk, Tail
 
 BEHIND_NS = 500_000_000
 """A group of channels further behind the others than this has ended."""
 
-LAG_NS = 30_000_000
-"""Frames of a busy bus may be logged some cycles after the truth of their time; only older data is delivered."""
+LAG_NS = 80_000_000
+"""Frames of a busy bus may be logged some cycles after the truth of their time, and a curve of diagnostics goes on to
+their next frame; only older data is delivered."""
+
+BEFORE_NS = 100_000_000
+"""Cycle time of the slowest diagnostics: a frame from so long before a span is still valid at its start."""
 
 SPAN_NS = 2_000_000_000
 """Simulated time delivered at once; a viewer that joins late gets the log piece by piece."""
@@ -22,7 +25,7 @@ class Span(NamedTuple):
 
     Attributes:
         start_ns, end_ns: from the first, until before the second.
-        chunks: those that hold data of it, or of the cycle before: that has the references of the first cycle.
+        chunks: those that hold data of it, or of the time just before that is valid in its first cycles.
     """
 
     start_ns: int
@@ -45,7 +48,7 @@ class Cursor:
     def next(self, tail: Tail) -> Span | None:
         """Return the span to deliver next; None if none is complete yet."""
         chunks = tail.chunks
-        before = self.told_ns - CYCLE_NS
+        before = self.told_ns - BEFORE_NS
         while self._first < len(chunks) and chunks[self._first].end_ns < before:
             self._first += 1
         later = [chunk for chunk in chunks[self._first :] if chunk.end_ns >= before]

@@ -1,6 +1,7 @@
 """A real-time log from an ECU's view: frames in order of reception, and the cycles of its own frames."""
 
 from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ from bench.bus.codec import Codec
 from bench.bus.e2e import COUNTER_MODULUS, check
 from bench.bus.frame import BusFrame
 from bench.conductor.realtime import SETTLE_CYCLES
+from bench.cycle import CYCLE_NS
 from bench.names import vehicle_bus
 from bench.resim.recording import EcuLog, frames_of
 
@@ -20,12 +22,16 @@ _STEP_TIME = "StepTime"
 class Feed:
     """All frames of an ECU's buses in the order in which they were received.
 
-    A step took its inputs when it began: its duration, from the ECU's timing message, before its first frame. If an ECU
-    does not report durations, frames received while it was calculating count as its inputs too.
+    A step took its inputs when it began: its duration, from the ECU's timing message, before its first frame. If that
+    message is not sent in every cycle, it has the longest of several durations; but no step begins before the wait for
+    its inputs is over, unless all of them are there. If an ECU does not report durations, frames received while it was
+    calculating count as its inputs too.
     """
 
-    def __init__(self, log: EcuLog) -> None:
+    def __init__(self, log: EcuLog, input_wait_s: float) -> None:
+        """Read the log of an ECU that waits for its inputs for so long after BenchSync (s)."""
         self._log = log
+        self._wait_ns = round(input_wait_s * 1e9)
         parts = []
         for bus, recorded in log.buses.items():
             frames = frames_of(bus, recorded.table)
@@ -52,6 +58,11 @@ class Feed:
         timed = np.array([rows["receive"], np.array(times) * 1000], np.int64)
         return timed[:, np.argsort(timed[0], kind="stable")]
 
+    @cached_property
+    def _times_every_step(self) -> bool:
+        """Whether the timing messages are of one step each: in logs of older versions they came in every cycle."""
+        return self._timed.shape[1] < 2 or float(np.median(np.diff(self._timed[0]))) < 1.5 * CYCLE_NS
+
     def step_began(self, cycle: int) -> int:
         """Return when the ECU's step of a cycle began (ns); never, if no frame of it was received."""
         found = self._own.get(cycle, ())
@@ -60,6 +71,8 @@ class Feed:
         first = min(named or (received for received, _ in found), default=_NEVER)
         timing = int(np.searchsorted(self._timed[0], first))
         began = first - int(self._timed[1, timing]) if timing < self._timed.shape[1] else first
+        if not self._times_every_step:
+            began = max(began, min(first, self.begun(cycle) + self._wait_ns))
         return began if began > self._begun_everywhere(cycle) else first
 
     def own(self, cycle: int) -> list[BusFrame]:

@@ -175,7 +175,7 @@ class Rerun:
             yield Step(cycle, logged, self._work())
 
     def _realtime(self) -> Iterator[Step]:
-        feed, naming = Feed(self._log), Naming(self._log)
+        feed, naming = Feed(self._log, self._nodes[-1].input_wait_s), Naming(self._log)
         sent: dict[int, list[BusFrame]] = {}
         for cycle in self._cycles_with_a_step(feed):
             sent.setdefault(cycle, [])

@@ -189,9 +189,12 @@ def test_times_of_solvers_over_all_vehicles(run_of):
     motions.say(2, "TrackerTiming", SolveTime=np.full(100, 2500.0), StepTime=np.full(100, 3000.0))
     # Between its optimisations the planner reports no time of 0: every step takes some.
     motions.say(1, "PlannerTiming", StepTime=np.arange(1.0, 101.0) * 100.0)
-    figures = compute(run_of(motions))
-    assert figures.solver_ms == pytest.approx({"p50": 2.0, "p99": 2.5})
-    assert figures.tracker_ms == pytest.approx({"p50": 2.5, "p99": 3.0})
+    run = run_of(motions)
+    figures = compute(run)
+    assert figures.solver_ms == pytest.approx({"p50": 2.0, "p99": 2.5, "longest_in_ms": 50.0})
+    assert figures.tracker_ms == pytest.approx({"p50": 2.5, "p99": 3.0, "longest_in_ms": 50.0})
+    values = {row.name: row.value for row in table(figures, run.scenario)}
+    assert values["Solver, median / p99"] == "2.00 / 2.50 ms (longest in 50 ms)"
     assert figures.planner_ms["p50"] == pytest.approx(5.05)
 
 

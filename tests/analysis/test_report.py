@@ -15,7 +15,7 @@ from bench.analysis.figures import NOTHING_YET, Figures, pool_of
 from bench.analysis.metrics import compute
 from bench.analysis.page_data import live_data, page_data
 from bench.analysis.report import render, render_both, render_live, write
-from bench.analysis.series import MAX_POINTS, until_due
+from bench.analysis.series import MAX_POINTS, between, until_due
 from bench.cli.main import app
 from bench.cycle import CYCLE_S
 from bench.errors import BadInput
@@ -256,6 +256,38 @@ def test_what_is_not_told_when_it_is_due_is_a_gap():
         **{1: 0, 2: 0, 3: 0, 4: 1, 5: 1, 6: 1},
         **{7: 2, 8: 2, 9: 2, 12: 3, 13: 3},
     }
+
+
+def test_what_is_sent_every_few_cycles_is_on_a_straight_line_until_it_is_due_again():
+    t = np.arange(28) * CYCLE_S
+    sent = np.array([3, 8, 8, 13, 23])
+    values = np.array([0.0, 10.0, 99.0, 5.0, 7.0])
+    found = between(t[sent], values, t, 0.05).tolist()
+    assert found[:3] == pytest.approx([np.nan] * 3, nan_ok=True)
+    # Of two frames of one time the first counts; after the last one before a gap it goes on until the next was due.
+    assert found[3:18] == pytest.approx([*np.linspace(0, 10, 5, endpoint=False), *np.linspace(10, 1, 10)])
+    assert found[18:23] == pytest.approx([np.nan] * 5, nan_ok=True)
+    # With nothing before it, it stays.
+    assert found[23:] == [7.0] * 5
+
+
+def test_a_target_told_every_few_cycles_is_drawn_in_every_cycle_and_where_the_slot_is(data, formation):
+    told = formation.message("veh2", "PlannerTarget")
+    x = np.array(data["pool"]["2.target.X"], float)
+    assert len(told["t"]) == len(x) / 5
+    assert np.isfinite(x).sum() > len(x) - 5
+    # A slot drives at the platoon's speed, also in the last cycles, after the last frame.
+    assert np.diff(x[-300:]) == pytest.approx(formation.scenario.platoon.speed_mps * CYCLE_S, abs=2e-3)
+
+
+def test_times_that_are_the_longest_of_several_cycles_say_so(data):
+    figures = {figure["id"]: figure for figure in data["figures"]}
+    for name in ("trackertimingsolvetime", "trackertimingsteptime", "plannertimingsteptime", "histogram"):
+        assert figures[name]["caption"].startswith("Each is the longest in 50 ms.")
+    points = [value for value in data["pool"]["1.TrackerTiming.StepTime"] if value is not None]
+    assert len(points) == len(data["pool"]["t"]) / 5
+    rows = {row[0]: row[1] for row in data["metrics"]}
+    assert rows["Planner step, median / p99"].endswith(" ms (longest in 50 ms)")
 
 
 @pytest.mark.parametrize("vehicles", [1, 5])

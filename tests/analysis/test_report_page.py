@@ -304,6 +304,16 @@ def test_pointing_at_a_figure_moves_the_cursor_everywhere(open_page, report_page
     assert time_of(tab) > at
 
 
+def test_a_time_that_comes_every_few_cycles_is_read_between_its_frames_too(open_page, report_page, formation):
+    tab = open_page(report_page)
+    t, steps = formation.signal("veh1", "TrackerTiming", "StepTime")
+    frame = int(t.searchsorted(3.0))
+    for cycles in range(5):
+        go_to(tab, t[frame] + cycles * 0.01)
+        reading = tab.locator("#trackertimingsteptime .key b").first.inner_text()
+        assert float(reading) == pytest.approx(steps[frame] / 1000.0, rel=0.01)
+
+
 def test_dragging_looks_closer(open_page, report_page):
     tab = open_page(report_page)
     point(tab, "fig9", 0.4)

@@ -49,8 +49,16 @@ ENUMERATIONS = {
 NOT_ON_A_BUS = {"bench.bus.control_channel.Kind", "bench.faults.base.Condition", "bench.vcan.wire.Kind"}
 """Enumerations of other formats than CAN."""
 
+PLANNED = {
+    *("PlannerTarget", "TrackerDisturbance", "TrackerReferenceState", "TrackerReferenceInput", "TrackerTarget"),
+    *("PlannerTiming", "TrackerTiming", "PlantTiming"),
+}
+"""Diagnostics that no ECU uses, nor an event depends on: every 50 ms, as often as the planner optimises."""
+
 SLOWER = {"PlantBusHealth", "PlannerPotential", "PlannerGains", "PlannerBusHealth", "TrackerBusHealth"}
 """Diagnostics that change slowly or are only counts: every 100 ms."""
+
+CYCLE_TIMES = dict.fromkeys(PLANNED, 50) | dict.fromkeys(SLOWER, 100)
 
 BENCH_ONLY = "BenchAbsent"
 """Announces frames that will not come in virtual time: not cyclic, and no load of any bus."""
@@ -104,7 +112,9 @@ def test_message_is_complete(file, message):
     if message.name == BENCH_ONLY:
         assert (message.cycle_time, message.send_type) == (None, "Spontaneous")
     else:
-        assert message.cycle_time == (100 if message.name in SLOWER else 10)
+        assert message.cycle_time == CYCLE_TIMES.get(message.name, 10)
+        # Inputs and commands are those with E2E protection.
+        assert message.cycle_time == 10 or not CODECS[file].data_id(message.name)
         assert message.send_type == "Cyclic"
     receivers = set().union(*(signal.receivers for signal in message.signals))
     assert receivers

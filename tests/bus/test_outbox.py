@@ -43,6 +43,29 @@ def test_an_absence_names_the_frame_and_its_cycle() -> None:
     assert announcement == CODEC.encode("BenchAbsent", values, 17)
 
 
+@pytest.mark.parametrize("faults", [(), (FrameLoss(at_s=0.0, bus="veh1", message="TrackerStatus"),)])
+def test_a_message_of_times_has_the_largest_since_it_was_sent_before(faults: tuple[FrameLoss, ...]) -> None:
+    """Any of a message's cycles may be the long one, and each signal has its own; a step may also be left out."""
+    address = Address.parse("direct")
+    far, near = open_link("veh1", address), open_link("veh1", address)
+    outbox = Outbox("veh1.tracker", {"veh1": near}, CODECS, FaultPlan(faults))
+    period = CODEC.period("TrackerTiming")
+    assert period > 2
+    steps = [{"StepTime": 500.0 + cycle % 3, "SolveTime": 90.0} for cycle in range(3 * period + 1)]
+    steps[1]["StepTime"], steps[period]["SolveTime"], steps[period + 1]["SolveTime"] = 7000.0, 400.0, 300.0
+    for cycle, times in enumerate(steps):
+        if cycle != 2 * period:
+            outbox.put("veh1", "TrackerTiming", times)
+        outbox.put("veh1", "TrackerTarget", {"VelocityX": cycle / 100.0})
+        outbox.send(cycle)
+    came = [CODEC.decode(can_id, data) for can_id, data in far.receive()]
+    told = [(values["StepTime"], values["SolveTime"]) for name, values in came if name == "TrackerTiming"]
+    assert told == [(500.0, 90.0), (7000.0, 400.0), (502.0, 300.0)]
+    # Everything else is as it was in the cycle.
+    targets = [values["VelocityX"] for name, values in came if name == "TrackerTarget"]
+    assert targets == pytest.approx([cycle / 100.0 for cycle in range(0, len(steps), period)])
+
+
 def test_a_bus_that_the_node_is_not_on_is_refused() -> None:
     links = {bus: open_link(bus, Address.parse("direct")) for bus in ("veh1", "v2v")}
     outbox = Outbox("veh1.planner", links, CODECS)

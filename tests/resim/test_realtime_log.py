@@ -69,6 +69,31 @@ def test_what_came_after_a_step_was_no_input_of_it(reworked, late_ns):
     assert missing == [Topic("veh1", "Reference")]
 
 
+@pytest.mark.parametrize(("late_ms", "longest_us", "same"), [(4.4, 0, True), (4.4, 800, False), (3.9, 3000, True)])
+def test_a_step_may_have_taken_what_the_longest_of_its_times_did_but_waited_for_its_inputs(
+    reworked, late_ms, longest_us, same
+):
+    """A reference comes before the tracker's answer, but after the tracker has waited 5 ms for it; it answers at 6 ms.
+
+    The times on the bus are the longest of several steps: one that had all its inputs early may have begun late.
+    """
+    codec = CODECS["veh1"]
+    timing = codec.can_id("TrackerTiming")
+
+    def change(frame):
+        is_late = (frame.bus, frame.can_id, frame.time_ns) == ("veh1", REFERENCE_ID, 48 * CYCLE_NS)
+        after = [received(frame, round(late_ms * 1e6) if is_late else 0)]
+        if frame.bus == "veh1" and frame.can_id == SYNC_ID and frame.time_ns % (5 * CYCLE_NS) == 0:
+            data = codec.encode("TrackerTiming", codec.start_values("TrackerTiming") | {"StepTime": longest_us})[1]
+            late = BEGAN_NS + frame.time_ns + 6_000_000
+            after.append(frame._replace(can_id=timing, data=data, receive_ns=late))
+        return after
+
+    (outcome,) = rerun(reworked("five", change), "veh1.tracker")
+    assert outcome.same is same, describe(outcome, CODECS)
+    assert same or (outcome.first is not None and outcome.first.cycle == 48)
+
+
 def test_a_cycle_that_an_ecu_missed_is_left_out(reworked):
     def miss(frame):
         sent = frame.bus == "veh1" and (0x300 <= frame.can_id < 0x400 or 0x510 <= frame.can_id < 0x520)

@@ -5,6 +5,19 @@ const PAPER = { wide: 690, narrow: 330 };
 
 let printing = false;
 
+// A point is read until this long after it (s): times of steps come every 50 ms.
+const POINT_S = 0.1;
+
+// Index of the value of a curve at a time, -1 for none; of a curve of points that of the last point.
+function lastIndex(curve, time) {
+  const times = data.pool[curve.at];
+  const now = indexAt(times, time);
+  if (!curve.points) return now;
+  let index = now;
+  while (index > 0 && data.pool[curve.y][index] === null && times[index] > time - POINT_S) index--;
+  return index >= 0 && data.pool[curve.y][index] === null ? now : index;
+}
+
 class Plot {
   constructor(parent, figure) {
     this.figure = figure;
@@ -200,7 +213,7 @@ class Plot {
     if (this.line) this.line.setAttribute("d", `M${round(toX(time))} ${MARGIN.top}v${inner.h}`);
     const texts = {};
     this.figure.curves.forEach((curve, number) => {
-      const index = curve.at ? indexAt(data.pool[curve.at], time) : -1;
+      const index = curve.at ? lastIndex(curve, time) : -1;
       const [x, y] = index < 0 ? [null, null] : [data.pool[curve.x][index], data.pool[curve.y][index] ?? null];
       if (index >= 0 && this.isShown(curve)) (texts[curve.name] ??= []).push(reading(y));
       const dot = this.dots[number];

@@ -103,9 +103,7 @@ static void send_timing(struct outgoing out, int64_t step_us) {
     uint8_t data[CAN_MAX_DLEN];
     struct vehicle_tracker_timing_t timing;
     vehicle_tracker_timing_init(&timing);
-    /* 0 would be no measurement. */
-    int64_t at_least_1 = step_us > 1 ? step_us : 1;
-    timing.step_time = vehicle_tracker_timing_step_time_encode(at_least_1 < LONGEST_US ? (double)at_least_1 : LONGEST_US);
+    timing.step_time = vehicle_tracker_timing_step_time_encode(step_us < LONGEST_US ? (double)step_us : LONGEST_US);
     vehicle_tracker_timing_pack(data, &timing, sizeof data);
     send_frame(out, VEHICLE_TRACKER_TIMING_FRAME_ID, data, VEHICLE_TRACKER_TIMING_LENGTH);
 }
@@ -130,6 +128,9 @@ void send_diagnostics(struct outgoing out, enum ecu_state state, struct health h
         DIAGNOSTICS(X)
 #undef X
     };
+    /* Since the frame before; 0 would be no measurement. */
+    static int64_t longest_us = 1;
+    longest_us = step_us > longest_us ? step_us : longest_us;
     for (size_t i = 0; i < sizeof owed / sizeof owed[0]; i++) {
         if (out.cycle * CYCLE_MS % owed[i].cycle_ms != 0) {
             continue;
@@ -139,7 +140,8 @@ void send_diagnostics(struct outgoing out, enum ecu_state state, struct health h
         } else if (owed[i].id == VEHICLE_TRACKER_BUS_HEALTH_FRAME_ID) {
             send_bus_health(out, health);
         } else if (owed[i].id == VEHICLE_TRACKER_TIMING_FRAME_ID) {
-            send_timing(out, step_us);
+            send_timing(out, longest_us);
+            longest_us = 1;
         } else if (!out.realtime) {
             announce_absent(out, owed[i].id);
         }
