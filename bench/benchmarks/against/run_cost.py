@@ -13,11 +13,13 @@ from bench.analysis.timing import timing
 from bench.benchmarks.against.checkout import Checkout, environment
 from bench.benchmarks.against.processes import Command, Usage, Watch
 from bench.errors import RunFailed
-from bench.names import CONDUCTOR, vehicle_bus
+from bench.names import CONDUCTOR, PLANT, vehicle_bus
 from bench.record.reader import Run
 
 STEPS = {"tracker": "TrackerTiming", "planner": "PlannerTiming"}
 """The messages whose StepTime is the time of an ECU's whole step."""
+
+_MICROSECONDS_PER_MS = 1000.0
 
 _numbers = itertools.count()
 
@@ -151,7 +153,9 @@ def completed(log: Path, said: Path, checkout: Checkout) -> Run:
 
 def _steps(run: Run, message: str) -> Steps:
     buses = [vehicle_bus(vehicle) for vehicle in range(1, run.vehicles + 1)]
-    rows = [run.signal(bus, message, "StepTime")[1] / 1000.0 for bus in buses]
+    if not all(run.has(bus, message) for bus in buses):
+        return Steps(np.empty((len(buses), 0)), 1)
+    rows = [run.signal(bus, message, "StepTime")[1] / _MICROSECONDS_PER_MS for bus in buses]
     shortest = min(row.size for row in rows)
     codec = run.codec(buses[0])
     return Steps(np.stack([row[:shortest] for row in rows]), codec.period(message) if codec else 1)
@@ -192,5 +196,5 @@ def _deadlines(run: Run) -> Deadlines | None:
     times = timing(run)
     if times is None:
         return None
-    largest = max((float(node.response_ms.max(initial=0.0)) for node in times.nodes), default=0.0)
-    return Deadlines(times.miss_rate, largest)
+    ecus = [node.response_ms for node in times.nodes if not node.name.endswith(f".{PLANT}")]
+    return Deadlines(times.miss_rate, max((float(each.max(initial=0.0)) for each in ecus), default=0.0))

@@ -51,7 +51,10 @@ def times(other: Costs, this: Costs) -> list[list[Row]]:
     """Return the rows of processor time, speed, start and steps, in sections."""
     pair = other, this
     return [
-        [row for bus in other.long for row in _processor_time(pair, bus)],
+        [
+            *(row for bus in other.long for row in _processor_time(pair, bus)),
+            *(_row(f"recording, of that, {bus}", pair, _recording, bus) for bus in other.long),
+        ],
         [
             *(_row(f"real-time factor in lockstep, {bus}", pair, _factors, bus) for bus in other.long),
             *(_row(f"from the command to the first frame, {bus}, s", pair, _starts, bus) for bus in other.long),
@@ -166,6 +169,10 @@ def _shorts(costs: Costs, bus: str) -> Values:
 def _rates(costs: Costs, bus: str) -> Values:
     runs = zip(costs.long[bus], costs.short[bus], strict=True)
     return np.array([(long.cpu_s - short.cpu_s) / (long.simulated_s - short.simulated_s) for long, short in runs])
+
+
+def _recording(costs: Costs, bus: str) -> Values:
+    return np.array([cost.recorder_s / cost.simulated_s for cost in costs.long[bus]])
 
 
 def _factors(costs: Costs, bus: str) -> Values:

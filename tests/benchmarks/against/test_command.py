@@ -2,16 +2,17 @@
 
 import argparse
 import io
-import math
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-import numpy as np
+import psutil
 import pytest
 from rich.console import Console
 
-from bench.benchmarks.against import command, tables
+from bench.benchmarks.against import checkout, command, tables
 from bench.benchmarks.against.checkout import this_checkout
 from bench.benchmarks.against.comparison import BUSES, in_pairs
 from bench.errors import BadInput
@@ -58,14 +59,6 @@ def test_impossible_scenarios_are_refused(tmp_path):
         command.scenario_file(str(single), 3, tmp_path)
 
 
-def test_rows_without_figures_and_ratios_are_shown_as_such():
-    values = [[1.0, 2.0, 4.0], [2.0, math.nan, 2.0]]
-    row = tables.Row("what", *(np.array(each) for each in values))
-    assert row.cells() == ["what", "2", "2", "1.25", "0.5 .. 2"]
-    nothing = np.array([math.nan])
-    assert tables.Row("what", nothing, nothing).cells() == ["what", "-", "-", "-", "-"]
-
-
 @pytest.mark.nightly
 def test_every_table_is_whole(tmp_path):
     # Also with a checkout that is built: `test_the_command_builds_and_compares`.
@@ -87,7 +80,7 @@ def test_every_figure_is_positive(tmp_path):
     this = this_checkout(print)
     costs = in_pairs((this, this), SCENARIO_DIR / "formation.toml", 1.0, 2, tmp_path, print)
     rows = [row for section in tables.times(*costs) for row in section]
-    assert len(rows) == 3 * len(BUSES) + 2 * len(BUSES) + 4 * len(BUSES)
+    assert len(rows) == (4 + 2 + 4) * len(BUSES)
     for row in rows:
         assert (row.other > 0.0).all(), row
         assert row.ratios.size == 2, row
@@ -97,6 +90,36 @@ def test_every_figure_is_positive(tmp_path):
     ((*by_node,), (whole,)) = tables.nodes(*costs)
     assert len(by_node) >= 8
     assert (whole.this > 0.0).all()
+
+
+@pytest.fixture
+def builds(tmp_path):
+    """A folder in which HEAD is built already: its files, with this checkout's virtual environment."""
+    commit = checkout.commit_of("HEAD")
+    folder = tmp_path / "builds" / commit
+    folder.parent.mkdir()
+    checkout._unpack(commit, folder, ROOT)
+    (folder / ".venv").symlink_to(Path(sys.executable).parents[1])
+    (folder / ".built").touch()
+    return folder.parent
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_comparison_leaves_no_process_behind(number, builds):
+    arguments = ["HEAD", "--pairs", "1", "--builds", str(builds)]
+    called = [sys.executable, "-m", "bench.benchmarks", "against", *arguments]
+    with subprocess.Popen(called, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while "to fill caches" not in process.stderr.readline():
+            assert process.poll() is None
+        itself = psutil.Process(process.pid)
+        while len(started := itself.children(recursive=True)) < 3:
+            time.sleep(0.05)
+        process.send_signal(number)
+        said, problems = process.communicate()
+    assert process.returncode == 130
+    assert not said
+    assert not problems
+    assert not psutil.wait_procs(started, timeout=30)[1]
 
 
 @pytest.mark.nightly
