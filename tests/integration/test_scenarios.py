@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bench.analysis.metrics import compute
+from bench.bus.codec import MAX_VEHICLES
 from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
@@ -81,3 +82,22 @@ def test_the_seed_decides_the_frames(tmp_path: Path) -> None:
 
     assert diff(first, again).same
     assert not diff(first, other).same
+
+
+def test_ten_vehicles_are_the_same_with_processes_of_their_own(tmp_path: Path) -> None:
+    """Twenty ECUs and a plant over udp; no frame is lost."""
+    short = ("duration_s=0.12",)
+    log = recorded(tmp_path, "ten", *short, can="udp")
+    assert diff(log.path, recorded(tmp_path, "ten", *short).path).same
+    assert (log.vehicles, log.result["cycles"]) == (10, "12")
+    assert compute(log).frames_lost == 0
+    assert len(log.message("v2v", "V2VPosition_10")["t"]) == 12
+
+
+def test_as_many_vehicles_as_the_radio_takes_take_their_slots(tmp_path: Path) -> None:
+    starts = [
+        f"{{x_m={-9.0 * place},y_m={3.5 * (place % 2)},speed_mps={20.0 + place % 3}}}" for place in range(MAX_VEHICLES)
+    ]
+    log = recorded(tmp_path, "ten", f"vehicles=[{','.join(starts)}]", "duration_s=0.05")
+    slots = [log.signal(f"veh{number}", "PlannerStatus", "Slot")[1][-1] for number in range(1, MAX_VEHICLES + 1)]
+    assert slots == list(range(1, MAX_VEHICLES + 1))

@@ -57,6 +57,7 @@ def test_the_issues_scenarios_are_shipped():
         "crosswind",
         "low-grip",
         "five",
+        "ten",
     }
 
 
@@ -100,9 +101,10 @@ def test_crosswind_blows_from_two_seconds_on():
     assert (wind.value(1.99), wind.value(2.0), wind.value(10.0)) == (0.0, 600.0, 600.0)
 
 
-def test_five_vehicles_start_in_two_lanes_at_least_eight_metres_apart():
-    vehicles = load("five").vehicles
-    assert len(vehicles) == 5
+@pytest.mark.parametrize(("name", "count"), [("five", 5), ("ten", 10)])
+def test_more_vehicles_start_in_two_lanes_at_least_eight_metres_apart(name, count):
+    vehicles = load(name).vehicles
+    assert len(vehicles) == count
     assert {v.y_m for v in vehicles} == {0.0, 3.5}
     assert len({v.speed_mps for v in vehicles}) == 5
     distances = [math.dist((a.x_m, a.y_m), (b.x_m, b.y_m)) for i, a in enumerate(vehicles) for b in vehicles[:i]]
