@@ -39,6 +39,9 @@ COMMAND_RECEPTIONS = {
 }
 """The signals of the plant's bus health with the reception state of commands."""
 
+_TORQUES = tuple(f"torque_{name}" for name in WHEEL_NAMES)
+"""The torques of a `Command`, in the order of the wheels."""
+
 SENSORS = (POSITION, ATTITUDE, MOTION, WHEELS_FRONT, WHEELS_REAR)
 """The messages with the vehicle's own motion."""
 
@@ -58,12 +61,12 @@ def broadcast(vehicle: int) -> Broadcast:
 
 def bus_health(health: Health) -> dict[str, float]:
     """Return the signals of an ECU's bus health message for its own reception."""
-    receptions = {
-        RECEPTIONS[topic.message]: float(reception.state)
-        for topic, reception in health.inputs.items()
-        if topic.message in RECEPTIONS
-    }
-    return {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors, **receptions}
+    signals: dict[str, float] = {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors}
+    for topic, reception in health.inputs.items():
+        signal = RECEPTIONS.get(topic.message)
+        if signal is not None:
+            signals[signal] = float(reception.state)
+    return signals
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,8 +189,7 @@ class Command:
     @classmethod
     def of_wheels(cls, steering_angle: float, torques: Sequence[float] | NDArray[np.float64]) -> Self:
         """Return a command with torques (4,) in N m, in the order of `platoon_fmu.wheels`."""
-        named = {f"torque_{name}": float(torque) for name, torque in zip(WHEEL_NAMES, torques, strict=True)}
-        return cls(steering_angle, **named)
+        return cls(steering_angle, **dict(zip(_TORQUES, map(float, torques), strict=True)))
 
     def messages(self, state: CommandState) -> Mapping[str, Signals]:
         """Return the three messages, with command state `state`."""

@@ -149,6 +149,8 @@ def _compile(work: Sequence[tuple[str, Path]]) -> None:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             settings={INTERPRETED: "1"},
+            # The name of a source in tracebacks is that from here.
+            cwd=ROOT,
         )
         for share in shares
     ]

@@ -1,3 +1,4 @@
+# cython: annotation_typing=False, binding=True
 """Checks of an ECU's class, of an ECU, and of what its steps return.
 
 Each message says what is wrong, where, and what is allowed.

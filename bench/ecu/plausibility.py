@@ -17,9 +17,10 @@ An implausible value is replaced by its other sources, and used again after it h
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import NamedTuple
+
+import cython
 
 from bench.bus.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRONT, WHEELS_REAR
 from bench.bus.states import Cause
@@ -27,6 +28,11 @@ from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
 from bench.ecu.limits import limits_of, possible, timeout_cycles
 from platoon_fmu.parameters import VehicleParameters
+
+if cython.compiled:
+    from cython.cimports.libc.math import cos, remainder, sin
+else:
+    from math import cos, remainder, sin
 
 RECOVERY_CYCLES = 20
 """Number of consecutive cycles in which a signal must agree with the others before it is trusted again."""
@@ -55,10 +61,10 @@ _PULL = 0.05
 
 _POSITION = ("X", "Y")
 _MOTION = ("VelocityX", "VelocityY", "YawRate")
+_WHEELS = ("FL", "FR", "RL", "RR")
 
 
-@dataclass(frozen=True, slots=True)
-class OwnState:
+class OwnState(NamedTuple):
     """The best estimate of the own motion.
 
     Attributes:
@@ -103,13 +109,11 @@ class _Pose(NamedTuple):
 class _Trust:
     """Trust in a signal: lost at its first disagreement, regained after `RECOVERY_CYCLES` of agreement."""
 
-    __slots__ = ("_agreed", "given")
-
     def __init__(self) -> None:
         self.given = True
         self._agreed = 0
 
-    def note(self, *, agrees: bool) -> bool:
+    def note(self, agrees: bool) -> bool:
         """Process one cycle's comparison and return whether the signal is trusted."""
         if not agrees:
             self.given, self._agreed = False, 0
@@ -132,7 +136,7 @@ class OwnMotion:
         self.state: OwnState | None = None
         self.cause = Cause.NONE
         self._vehicle = vehicle
-        self._trust = {name: _Trust() for name in (*_POSITION, "Yaw", *_MOTION, "FL", "FR", "RL", "RR")}
+        self._trust = {name: _Trust() for name in (*_POSITION, "Yaw", *_MOTION, *_WHEELS)}
         self._limits = {name: limits_of("vehicle.dbc", name) for name in (POSITION, ATTITUDE, MOTION)}
         self._pose: _Pose | None = None
         self._reckoned = _Pose(0.0, 0.0, 0.0)
@@ -175,8 +179,9 @@ class OwnMotion:
         # Without any source, a velocity may be held for its timeout.
         known = self._pose is not None and self._blind <= self._timeouts[MOTION]
         self.state = OwnState(*self._pose, *velocity) if self._pose is not None and known else None
-        self._missing = {name: count + 1 if frames[name] is None else 0 for name, count in self._missing.items()}
-        self.cause = self._cause(known, in_range=position_fine and attitude_fine and motion_fine)
+        for name in SENSORS:
+            self._missing[name] = self._missing[name] + 1 if frames[name] is None else 0
+        self.cause = self._cause(known, position_fine and attitude_fine and motion_fine)
         return self.state
 
     def _in_range(
@@ -200,7 +205,7 @@ class OwnMotion:
         v_x = self._longitudinal(motion, along, self._wheel_speed(gamma, front, rear))
         steady = gamma * (
             self._vehicle.l_r
-            - self._vehicle.M * self._vehicle.l_f * v_x**2 / (2.0 * self._vehicle.L * self._vehicle.C_r)
+            - self._vehicle.M * self._vehicle.l_f * (v_x * v_x) / (2.0 * self._vehicle.L * self._vehicle.C_r)
         )
         v_y = self._voted("VelocityY", motion, across, steady, VELOCITY_Y_MPS, self._velocity.v_y)
         return _Velocity(v_x, steady if v_y is None else v_y, gamma)
@@ -208,9 +213,9 @@ class OwnMotion:
     def _yaw_rate(
         self, attitude: Signals | None, motion: Signals | None, front: Signals | None, rear: Signals | None
     ) -> float:
-        turned = None
+        turned: float | None = None
         if attitude is not None and self._measured_yaw is not None:
-            turned = math.remainder(attitude["Yaw"] - self._measured_yaw, 2.0 * math.pi) / CYCLE_S
+            turned = remainder(attitude["Yaw"] - self._measured_yaw, 2.0 * math.pi) / CYCLE_S
         before = self._velocity.gamma
         gamma = self._voted("YawRate", motion, turned, before, YAW_RATE_RADPS, before)
         if gamma is not None:
@@ -240,13 +245,14 @@ class OwnMotion:
         """Return the measured value; None if it is missing or not trusted."""
         if motion is None:
             return None
-        value, trust = motion[name], self._trust[name]
+        value: cython.double = motion[name]
+        trust: _Trust = self._trust[name]
         agrees = second is None or abs(value - second) <= limit
         if second is not None and not agrees and trust.given:
             jumped = abs(value - before) > limit >= abs(second - before)
             outvoted = third is not None and abs(value - third) > abs(second - third)
             agrees = not (jumped or outvoted)
-        return value if trust.note(agrees=agrees) else None
+        return value if trust.note(agrees) else None
 
     def _from_positions(self, position: Signals | None) -> tuple[float | None, float | None]:
         """Return the velocity along and across the vehicle (m/s) since the last cycle's position."""
@@ -257,22 +263,27 @@ class OwnMotion:
         dx, dy = (position["X"] - before[0]) / CYCLE_S, (position["Y"] - before[1]) / CYCLE_S
         self._moved = (dx, dy)
         yaw = self._pose.yaw + 0.5 * CYCLE_S * self._velocity.gamma
-        c, s = math.cos(yaw), math.sin(yaw)
+        c, s = cos(yaw), sin(yaw)
         return c * dx + s * dy, c * dy - s * dx
 
     def _wheel_speed(self, gamma: float, front: Signals | None, rear: Signals | None) -> float | None:
         """Return v_x (m/s) from the rolling wheels: the median of the trusted ones."""
         if front is None or rear is None:
             return None
-        turn = 0.5 * self._vehicle.l_t * gamma
-        speeds = {
-            "FL": front["WheelSpeedFL"] * self._vehicle.R_w + turn,
-            "FR": front["WheelSpeedFR"] * self._vehicle.R_w - turn,
-            "RL": rear["WheelSpeedRL"] * self._vehicle.R_w + turn,
-            "RR": rear["WheelSpeedRR"] * self._vehicle.R_w - turn,
-        }
-        middle = _median(list(speeds.values()))
-        rolling = [v for name, v in speeds.items() if self._trust[name].note(agrees=abs(v - middle) <= WHEEL_MPS)]
+        turn: cython.double = 0.5 * self._vehicle.l_t * gamma
+        radius: cython.double = self._vehicle.R_w
+        speeds = [
+            front["WheelSpeedFL"] * radius + turn,
+            front["WheelSpeedFR"] * radius - turn,
+            rear["WheelSpeedRL"] * radius + turn,
+            rear["WheelSpeedRR"] * radius - turn,
+        ]
+        middle = _median(speeds)
+        rolling = []
+        for name, v in zip(_WHEELS, speeds, strict=True):
+            trust: _Trust = self._trust[name]
+            if trust.note(abs(v - middle) <= WHEEL_MPS):
+                rolling.append(v)
         return _median(rolling) if rolling else middle
 
     def _reckon(
@@ -293,15 +304,15 @@ class OwnMotion:
         yaw_now = yaw + elapsed_s * 0.5 * (self._velocity.gamma + gamma)
         middle = 0.5 * (yaw + yaw_now)
         along, across = 0.5 * (self._velocity.v_x + v_x), 0.5 * (self._velocity.v_y + v_y)
-        x += elapsed_s * (along * math.cos(middle) - across * math.sin(middle))
-        y += elapsed_s * (along * math.sin(middle) + across * math.cos(middle))
+        x += elapsed_s * (along * cos(middle) - across * sin(middle))
+        y += elapsed_s * (along * sin(middle) + across * cos(middle))
         self._way += elapsed_s * abs(along)
         yaw_seen = None
         if attitude is not None:
             turns = round((yaw_now - attitude["Yaw"]) / (2.0 * math.pi))
             yaw_seen = attitude["Yaw"] + 2.0 * math.pi * turns
         if yaw_seen is not None and self._yaw_rate_is_wrong(yaw_now, yaw_seen, v_y):
-            self._trust["YawRate"].note(agrees=False)
+            self._trust["YawRate"].note(False)
             yaw_now = yaw_seen
         yaw_now, yaw_used, _ = self._compare("Yaw", yaw_now, yaw_seen, YAW_RAD)
         reach = POSITION_M + DRIFT * self._way
@@ -318,28 +329,33 @@ class OwnMotion:
             dx, dy = self._moved
             back = 0.5 * CYCLE_S * self._velocity.gamma
             for index, yaw in enumerate((seen - back, reckoned - back)):
-                error = math.cos(yaw) * dy - math.sin(yaw) * dx - v_y
+                error = cos(yaw) * dy - sin(yaw) * dx - v_y
                 self._slip_errors[index] += YAW_SMOOTHING * (abs(error) - self._slip_errors[index])
         contradict = abs(seen - reckoned) > YAW_RAD and self._trust["Yaw"].given
         return contradict and self._slip_errors[0] < self._slip_errors[1]
 
     def _compare(self, name: str, reckoned: float, seen: float | None, limit: float) -> tuple[float, float, bool]:
         """Return the corrected dead reckoning, the value to use, and whether that is the measured one."""
-        if seen is None or not self._trust[name].note(agrees=abs(seen - reckoned) <= limit):
+        if seen is None or not self._trust[name].note(abs(seen - reckoned) <= limit):
             return reckoned, reckoned, False
         return reckoned + _PULL * (seen - reckoned), seen, True
 
-    def _cause(self, known: bool, *, in_range: bool) -> Cause:
+    def _cause(self, known: bool, in_range: bool) -> Cause:
         if not known:
             return Cause.OWN_MOTION_LOST
-        if not in_range or not all(trust.given for trust in self._trust.values()):
+        trusted = in_range
+        for each in self._trust.values():
+            trust: _Trust = each
+            trusted = trusted and trust.given
+        if not trusted:
             return Cause.SENSOR_IMPLAUSIBLE
-        if any(count >= self._timeouts[name] for name, count in self._missing.items()):
-            return Cause.SENSOR_LOST
-        return Cause.SENSOR_MISSING if any(self._missing.values()) else Cause.NONE
+        if not any(self._missing.values()):
+            return Cause.NONE
+        lost = any(count >= self._timeouts[name] for name, count in self._missing.items())
+        return Cause.SENSOR_LOST if lost else Cause.SENSOR_MISSING
 
 
-def _median(values: Sequence[float]) -> float:
+def _median(values: list[float]) -> float:
     ordered = sorted(values)
     half = len(ordered) // 2
     return ordered[half] if len(ordered) % 2 else 0.5 * (ordered[half - 1] + ordered[half])

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from math import isfinite
 from typing import NamedTuple
 
+import cython
+
 from bench.bus.codec import Codec
 from bench.bus.topic import Outgoing
 from bench.events import Clipped, EcuNote, NotANumber, NumberAgain
@@ -47,35 +49,37 @@ class SentValues:
 
         A message that does not exist is left to the one who sends it.
         """
-        message = self._message(sent)
+        message = self._messages.get((sent.bus, sent.message)) or self._message(sent)
         values, good = sent.values, True
+        low: cython.double
+        high: cython.double
+        value: cython.double
         for signal, low, high in message.ranges:
-            value = values.get(signal)
-            if value is None:
+            given = values.get(signal)
+            if given is None:
                 continue
-            place = (sent.bus, sent.message, signal)
+            value = given
             if low <= value <= high:
                 if self._since:
-                    self._recovers(place, cycle)
-            elif isfinite(value):
+                    self._recovers((sent.bus, sent.message, signal), cycle)
+                continue
+            place = (sent.bus, sent.message, signal)
+            if isfinite(value):
                 self._recovers(place, cycle)
                 if not message.wall_clock:
-                    self._clips(place, cycle, float(value), low if value < low else high)
+                    self._clips(place, cycle, value, low if value < low else high)
             else:
                 good = False
-                self._fails(place, cycle, str(float(value)), command=message.command)
+                self._fails(place, cycle, str(value), command=message.command)
         return good
 
     def _message(self, sent: Outgoing) -> _Message:
-        key = (sent.bus, sent.message)
-        found = self._messages.get(key)
-        if found is None:
-            codec = self._codecs.get(sent.bus)
-            if codec is None or sent.message not in codec.names:
-                return _Message((), command=False, wall_clock=False)
-            wall_clock = codec.is_wall_clock(codec.can_id(sent.message))
-            found = _Message(codec.ranges(sent.message), codec.data_id(sent.message) != 0, wall_clock)
-            self._messages[key] = found
+        codec = self._codecs.get(sent.bus)
+        if codec is None or sent.message not in codec.names:
+            return _Message((), command=False, wall_clock=False)
+        wall_clock = codec.is_wall_clock(codec.can_id(sent.message))
+        found = _Message(codec.ranges(sent.message), codec.data_id(sent.message) != 0, wall_clock)
+        self._messages[sent.bus, sent.message] = found
         return found
 
     def _fails(self, place: tuple[str, str, str], cycle: int, value: str, *, command: bool) -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from operator import gt
 from time import perf_counter
 
 import numpy as np
@@ -44,8 +45,12 @@ STEERING_RECOVERY_CYCLES = 50
 UNANSWERED_CYCLES = 3
 """Number of consecutive cycles in which the actuators received no commands of this ECU that count as a fault."""
 
+_NO_TORQUES = (0.0, 0.0, 0.0, 0.0)
+
 DISTURBANCE = np.array([1.0, 4.0, 3.5])
 """Disturbances (m/s^2, m/s^2, rad/s^2) above those of any allowed cornering stiffness, which indicate a defect."""
+
+_DISTURBANCE = tuple(DISTURBANCE.tolist())
 
 DISTURBANCE_CYCLES = 5
 """Number of consecutive cycles with such a disturbance that indicate a defect."""
@@ -119,7 +124,7 @@ class TrackerEcu:
         begin = perf_counter()
         if cycle == 0:
             self._own.start_from(self._grid.x_m, self._grid.y_m, self._grid.yaw_rad, self._grid.speed_mps)
-        frames = {message: inputs[topic] for message, topic in self._topics.items()}
+        frames = {topic.message: inputs[topic] for topic in self.inputs}
         own = self._own.update(frames, 1 if self._last_cycle is None else cycle - self._last_cycle)
         self._last_cycle = cycle
         cause = max(self._own.cause, self._watch_steering(frames[ACTUATORS]))
@@ -173,7 +178,7 @@ class TrackerEcu:
         """Return ACTUATOR_FAULT if the actuators do not follow their commands."""
         if status is None:
             return Cause.NONE
-        active = ActuatorState(int(status["ActuatorState"])) is ActuatorState.ACTIVE
+        active = status["ActuatorState"] == ActuatorState.ACTIVE
         self._unanswered = 0 if active or self._sent_steering is None else self._unanswered + 1
         if active and self._sent_steering is not None:
             off = abs(status["SteeringAngle"] - self._sent_steering) > STEERING_RAD
@@ -185,10 +190,10 @@ class TrackerEcu:
 
     def _really_applied(self, status: Signals | None) -> NDArray[np.float64]:
         """Return the virtual input applied since the last step, as reported by the actuators."""
-        state = ActuatorState.HOLD if status is None else ActuatorState(int(status["ActuatorState"]))
-        if state is ActuatorState.ACTIVE and self._commanded is not None:
+        state = ActuatorState.HOLD if status is None else status["ActuatorState"]
+        if state == ActuatorState.ACTIVE and self._commanded is not None:
             self._applied = self._commanded
-        elif state in (ActuatorState.SAFE, ActuatorState.INIT):
+        elif state == ActuatorState.SAFE or state == ActuatorState.INIT:
             self._applied = np.zeros(3)
         if status is not None and self._steering_stuck:
             self._applied = np.array([status["SteeringAngle"], *self._applied[1:]])
@@ -196,7 +201,7 @@ class TrackerEcu:
 
     def _doubts(self, out: TrackerOutput | None) -> Cause:
         """Return the fault of vehicle or solver that the tracking shows."""
-        broken = out is not None and bool((np.abs(out.disturbance) > DISTURBANCE).any())
+        broken = out is not None and any(map(gt, map(abs, out.disturbance.tolist()), _DISTURBANCE))
         self._disturbed = self._disturbed + 1 if broken else 0
         self._calm = 0 if self._disturbed >= DISTURBANCE_CYCLES else self._calm + 1
         if self._disturbed >= DISTURBANCE_CYCLES:
@@ -230,7 +235,8 @@ class TrackerEcu:
         *,
         slowing: bool,
     ) -> list[Outgoing]:
-        steering, torques = 0.0, np.zeros(4)
+        steering = 0.0
+        torques: Sequence[float] = _NO_TORQUES
         self._commanded, self._sent_steering = None, None
         if out is None or own is None or then is None:
             validity = CommandState.NONE
@@ -249,7 +255,7 @@ class TrackerEcu:
             else:
                 self._brake_steering.reset()
             self._sent_steering = steering
-            torques = self._parameters.R_w * forces
+            torques = [self._parameters.R_w * force for force in forces.tolist()]
         commands = Command.of_wheels(steering, torques).messages(validity)
         return [Outgoing(self._bus, name, values) for name, values in commands.items()]
 

@@ -67,7 +67,8 @@ def _places(error: BaseException) -> Sequence[tuple[str, int, str]]:
 def _is_users(file: str) -> bool:
     if file.startswith("<"):
         return False
-    path = Path(file).resolve()
+    # Compiled modules name their sources from the folder of the packages.
+    path = (_BENCH.parent / file).resolve()
     if path.is_relative_to(_EXAMPLES):
         return True
     return not any(path.is_relative_to(folder) for folder in (_BENCH, _VEHICLE, *_LIBRARIES))
