@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.mcap.container import MESSAGE, McapFile
+from bench.mcap.container import McapFile
 from bench.mcap.gathering import scatter
+from bench.mcap.records import MESSAGE
 from bench.mcap.scan import ScannedFile, message_heads
 
 _TIMES = ("log_time", "publish_time")

@@ -18,4 +18,7 @@ COMPILED: tuple[str, ...] = (
     "bench.ecu.runtime",
     "bench.ecu.sent_values",
     "bench.ecu.tracker",
+    "bench.mcap.records",
+    "bench.record.can_frame",
+    "bench.record.signals",
 )

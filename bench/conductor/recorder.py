@@ -63,7 +63,9 @@ class Recorder:
             if any(signal.name == _LOST for signal in codec.message(name).signals)
         }
         self._health: dict[tuple[str, int], bytes] = {}
+        self._told: dict[tuple[str, int], dict[str, int]] = {}
         self._states = StateWatch(codecs)
+        self._ids = {can_id for _, can_id in (*self._health_ids, *self._states.watched)}
         self._failed = False
         self.cpu_s = 0.0
 
@@ -145,9 +147,10 @@ class Recorder:
 
     def _note_states(self, time_ns: int, due: Iterable[BusFrame]) -> None:
         """Record changes of the senders' states and counters in due frames as events."""
-        health_ids, watched = self._health_ids, self._states.watched
+        ids, health_ids, watched = self._ids, self._health_ids, self._states.watched
+        found = [frame for frame in due if frame[1] in ids and (frame[:2] in health_ids or frame[:2] in watched)]
         # Sorted, so that the order of events does not depend on the order of arrival.
-        found = sorted(frame for frame in due if frame[:2] in health_ids or frame[:2] in watched)
+        found.sort()
         for bus, can_id, data in found:
             if (bus, can_id) in health_ids:
                 self._note_health(bus, can_id, data, time_ns)
@@ -158,11 +161,12 @@ class Recorder:
 
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:
         before = self._health.get((bus, can_id))
-        self._health[bus, can_id] = data
         if data == before:
             return
+        self._health[bus, can_id] = data
         name, counts = self._counts(bus, can_id, data)
-        if any(counts.values()) if before is None else counts != self._counts(bus, can_id, before)[1]:
+        if counts != self._told.get((bus, can_id), dict.fromkeys(_COUNTS, 0)):
+            self._told[bus, can_id] = counts
             self._writer.event(time_ns, events.ReceptionErrors(bus, name, counts[_LOST], counts[_ERRORS]))
 
     def _counts(self, bus: str, can_id: int, data: bytes) -> tuple[str, dict[str, int]]:

@@ -36,10 +36,11 @@ class _Field(NamedTuple):
 
 
 class _Watched(NamedTuple):
-    """A message with a state: its source, its length in bytes, the state, and the cause of an ECU."""
+    """A message with a state: source, length in bytes, the bits of all these, the state, and the cause of an ECU."""
 
     source: str
     length: int
+    mask: int
     state: _Field
     cause: _Field | None
 
@@ -57,6 +58,7 @@ class StateWatch:
         for bus, codec in codecs.items():
             for name in _STATES.keys() & set(codec.names):
                 self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
+        self._bits: dict[tuple[str, int], int] = {}
         self._last: dict[tuple[str, int], tuple[int, int]] = {}
 
     def change(self, bus: str, can_id: int, data: bytes) -> StateChange | CauseChange | None:
@@ -64,7 +66,10 @@ class StateWatch:
         place = self.watched[bus, can_id]
         if len(data) != place.length:
             return None
-        number = int.from_bytes(data, "little")
+        number = int.from_bytes(data, "little") & place.mask
+        if number == self._bits.get((bus, can_id)):
+            return None
+        self._bits[bus, can_id] = number
         state = place.state.value(number)
         cause = place.cause.value(number) if place.cause else Cause.NONE
         normal = _NORMAL[place.state.bits.signal]
@@ -88,7 +93,9 @@ def _watched(bus: str, name: str, codec: Codec) -> _Watched:
     }
     sender = process_of(bus, message.senders[0])
     source = f"{bus}.{ACTUATORS}" if sender == PLANT else sender
-    return _Watched(source, message.length, fields[_STATES[name]], fields.get(_CAUSE))
+    state, cause = fields[_STATES[name]], fields.get(_CAUSE)
+    mask = sum(each.bits.mask << each.bits.shift for each in (state, cause) if each)
+    return _Watched(source, message.length, mask, state, cause)
 
 
 def _texts(choices: Mapping[int, object] | None) -> dict[int, str]:

@@ -27,7 +27,7 @@ from websockets.typing import Subprotocol
 from bench.errors import BadInput
 from bench.live.address import LiveAddress
 from bench.live.door import VIEWERS, Door, Limits
-from bench.mcap.container import MESSAGE, MESSAGE_FIELDS
+from bench.mcap.records import MESSAGE, MESSAGE_FIELDS
 from bench.mcap.scan import ScannedFile, message_heads
 
 BACKLOG = 1 << 15

@@ -20,7 +20,8 @@ from mcap.opcode import Opcode
 from bench.errors import BadInput
 from bench.live.groups import ChannelGroups
 from bench.live.piece import write_piece
-from bench.mcap.container import INDEX_ENTRY, MAGIC
+from bench.mcap.container import MAGIC
+from bench.mcap.records import INDEX_ENTRY
 
 _RECORD = struct.Struct("<BQ")
 _CHUNK_TIMES = struct.Struct("<QQ")

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from mcap.opcode import Opcode
 
-from bench.mcap.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS
+from bench.mcap.records import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS
 from bench.mcap.scan import ScannedFile, message_heads
 from bench.mcap.time_span import ALL, Span
 

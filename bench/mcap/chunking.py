@@ -9,34 +9,10 @@ order merge overlapping chunks by their index.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-
-class Records(NamedTuple):
-    """Consecutive message records, and the index entry of each.
-
-    `channel` (n,) channel ids, `log_time` (n,) ns, `offset` (n,) bytes from the start of `data`.
-    """
-
-    data: npt.NDArray[np.uint8]
-    channel: npt.NDArray[np.int64]
-    log_time: npt.NDArray[np.int64]
-    offset: npt.NDArray[np.int64]
-
-    def by_group(self, group: npt.NDArray[np.int64]) -> Iterator[tuple[int, Records]]:
-        """Yield each group with its records; the records are sorted by `group` (n,)."""
-        starts = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
-        for first, last in zip(starts, [*starts[1:], len(group)], strict=True):
-            at = int(self.offset[first])
-            end = int(self.offset[last]) if last < len(group) else len(self.data)
-            rows = slice(first, last)
-            yield (
-                int(group[first]),
-                Records(self.data[at:end], self.channel[rows], self.log_time[rows], self.offset[rows] - at),
-            )
+from bench.mcap.records import Records
 
 
 class ChunkGroups:
@@ -49,12 +25,17 @@ class ChunkGroups:
         self.bytes = 0
 
     def add(self, group: int, records: Records) -> None:
-        """Append records to the group; they go into one chunk."""
+        """Append records to the group, to its newest chunk as far as they fit."""
         chunks = self._chunks.setdefault(group, [[]])
-        if chunks[-1] and sum(len(part.data) for part in chunks[-1]) + len(records.data) > self._size:
-            chunks.append([])
-        chunks[-1].append(records)
         self.bytes += len(records.data)
+        while len(records.data):
+            room = self._size - sum(len(part.data) for part in chunks[-1])
+            first, rest = records.parted(room, at_least=0 if chunks[-1] else 1)
+            if len(first.data):
+                chunks[-1].append(first)
+            if len(rest.data):
+                chunks.append([])
+            records = rest
 
     def take(self) -> Iterator[Records]:
         """Yield the collected records as chunks, group by group, and empty the groups."""

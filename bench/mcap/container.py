@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import BinaryIO
 
@@ -23,7 +23,6 @@ from mcap.records import (
     Attachment,
     AttachmentIndex,
     Channel,
-    ChunkIndex,
     DataEnd,
     Footer,
     Header,
@@ -35,25 +34,18 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from bench.mcap.records import INDEX_ENTRY, entries_by_channel
+
 MAGIC = b"\x89MCAP0\r\n"
 COMPRESSION = "zstd"
-# A message record: opcode, length of the rest, then the fields up to the payload.
-MESSAGE = np.dtype(
-    [
-        ("opcode", "u1"),
-        ("length", "<u8"),
-        ("channel", "<u2"),
-        ("sequence", "<u4"),
-        ("log_time", "<u8"),
-        ("publish_time", "<u8"),
-    ]
-)
-# Bytes that `length` counts in addition to the payload.
-MESSAGE_FIELDS = MESSAGE.itemsize - 9
-INDEX_ENTRY = np.dtype([("log_time", "<u8"), ("offset", "<u8")])
 
 _CHUNK_HEAD = struct.Struct("<BQQQQII4sQ")
 _INDEX_HEAD = struct.Struct("<BQHI")
+_INDEX_PLACE = struct.Struct("<HQ")
+# A chunk index record: opcode, length of the rest, first and last time, place and length of the chunk, length of the
+# places of its message indexes; after these their length, then compression, compressed and uncompressed size.
+_CHUNK_INDEX_HEAD = struct.Struct("<BQQQQQI")
+_CHUNK_INDEX_END = struct.Struct("<QI4sQQ")
 
 
 class McapFile:
@@ -74,7 +66,7 @@ class McapFile:
         self._declared_schemas: set[int] = set()
         self._counts: dict[int, int] = {}
         self._span: tuple[int, int] | None = None
-        self._chunk_indexes = RecordBuilder()
+        self._chunk_indexes = bytearray()
         self._chunks = 0
         self._attachments: list[AttachmentIndex] = []
         self._metadata: list[MetadataIndex] = []
@@ -140,9 +132,8 @@ class McapFile:
         """
         if not len(channel):
             return
-        order = np.argsort(channel, kind="stable")
-        used, starts = np.unique(channel[order], return_index=True)
-        self._declare(used)
+        counts, entries = entries_by_channel(channel, log_time, offset)
+        self._declare(counts)
         start, end = int(log_time.min()), int(log_time.max())
         packed = self._compressor.compress(records)
         chunk_at = self._position
@@ -151,26 +142,28 @@ class McapFile:
             Opcode.CHUNK, rest, start, end, len(records), zlib.crc32(records), 4, COMPRESSION.encode(), len(packed)
         )
         index_at = chunk_at + len(head) + len(packed)
-        entries = np.empty(len(order), INDEX_ENTRY)
-        entries["log_time"], entries["offset"] = log_time[order], offset[order]
-        indexes, places = bytearray(), {}
-        for number, first, last in zip(used.tolist(), starts.tolist(), [*starts.tolist()[1:], len(order)], strict=True):
-            places[number] = index_at + len(indexes)
-            size = INDEX_ENTRY.itemsize * (last - first)
-            indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, number, size) + entries[first:last].tobytes()
-            self._counts[number] = self._counts.get(number, 0) + last - first
+        indexes, places, first = bytearray(), bytearray(), 0
+        for number, count in counts.items():
+            places += _INDEX_PLACE.pack(number, index_at + len(indexes))
+            size = INDEX_ENTRY.itemsize * count
+            indexes += _INDEX_HEAD.pack(Opcode.MESSAGE_INDEX, 6 + size, number, size)
+            indexes += entries[first : first + count].tobytes()
+            self._counts[number] = self._counts.get(number, 0) + count
+            first += count
         self._write(b"".join((head, packed, indexes)))
-        ChunkIndex(
-            message_start_time=start,
-            message_end_time=end,
-            chunk_start_offset=chunk_at,
-            chunk_length=index_at - chunk_at,
-            message_index_offsets=places,
-            message_index_length=len(indexes),
-            compression=COMPRESSION,
-            compressed_size=len(packed),
-            uncompressed_size=len(records),
-        ).write(self._chunk_indexes)
+        self._chunk_indexes += _CHUNK_INDEX_HEAD.pack(
+            Opcode.CHUNK_INDEX,
+            _CHUNK_INDEX_HEAD.size - 9 + len(places) + _CHUNK_INDEX_END.size,
+            start,
+            end,
+            chunk_at,
+            index_at - chunk_at,
+            len(places),
+        )
+        self._chunk_indexes += places
+        self._chunk_indexes += _CHUNK_INDEX_END.pack(
+            len(indexes), len(COMPRESSION), COMPRESSION.encode(), len(packed), len(records)
+        )
         self._chunks += 1
         self._span = (min(self._span[0], start), max(self._span[1], end)) if self._span else (start, end)
 
@@ -196,7 +189,7 @@ class McapFile:
             (Opcode.SCHEMA, _encoded(schemas)),
             (Opcode.CHANNEL, _encoded(channels)),
             (Opcode.STATISTICS, _encoded([statistics])),
-            (Opcode.CHUNK_INDEX, _taken(self._chunk_indexes)),
+            (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
             (Opcode.ATTACHMENT_INDEX, _encoded(self._attachments)),
             (Opcode.METADATA_INDEX, _encoded(self._metadata)),
         )
@@ -219,9 +212,9 @@ class McapFile:
         )
         self._write(MAGIC)
 
-    def _declare(self, channels: npt.NDArray[np.int64]) -> None:
+    def _declare(self, channels: Iterable[int]) -> None:
         """Write the channels, and their schemas, that no record has named yet."""
-        for number in (n for n in channels.tolist() if n not in self._declared):
+        for number in (n for n in channels if n not in self._declared):
             channel = self._channels[number - 1]
             if channel.schema_id and channel.schema_id not in self._declared_schemas:
                 self._record(self._schemas[channel.schema_id - 1])

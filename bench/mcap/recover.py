@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from bench.errors import BadInput
 from bench.files import check_new, written_aside
-from bench.mcap.chunking import Records
-from bench.mcap.container import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS, McapFile, media_type
+from bench.mcap.container import McapFile, media_type
+from bench.mcap.records import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS, Records
 from bench.mcap.recovered import METADATA, Recovery
 from bench.mcap.scan import ScannedFile, message_heads
 from bench.mcap.time_span import NS

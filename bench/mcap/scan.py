@@ -21,10 +21,11 @@ from mcap.opcode import Opcode
 from bench.errors import BadInput
 from bench.mcap import limits
 from bench.mcap.chunk import chunk_head, unpacked
-from bench.mcap.container import INDEX_ENTRY, MAGIC, MESSAGE, MESSAGE_FIELDS
+from bench.mcap.container import MAGIC
 from bench.mcap.contents import RECORD
 from bench.mcap.gathering import gathered
 from bench.mcap.pages import AROUND, Pages
+from bench.mcap.records import INDEX_ENTRY, MESSAGE, MESSAGE_FIELDS
 from bench.mcap.summary import read_summary
 from bench.mcap.walk import INDEX, Walked, walk
 

@@ -21,9 +21,10 @@ from mcap.records import Channel, Metadata, Schema
 
 from bench.mcap.attachment import read_attachment
 from bench.mcap.chunk import chunk_head, unpacked
-from bench.mcap.container import COMPRESSION, INDEX_ENTRY, MAGIC
+from bench.mcap.container import COMPRESSION, MAGIC
 from bench.mcap.contents import RECORD, Contents, chunks_of
 from bench.mcap.pages import Pages
+from bench.mcap.records import INDEX_ENTRY
 
 CUT_OFF = "it ends before its summary; complete chunks are read up to there"
 

@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The log's raw CAN frame, `platoon.CanFrame`: host receive time, identifier, time on the wire, data.
 
 The simulated time of a frame's cycle is the log_time of its message. Data comes last, so that all other fields have a
@@ -8,11 +9,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import cython
 import numpy as np
 import numpy.typing as npt
 from google.protobuf import descriptor_pb2
 
-from bench.mcap.gathering import scatter
 from bench.record.layout import Field, Layout, file_descriptor_set, tag
 
 NAME = "platoon.CanFrame"
@@ -78,16 +79,40 @@ def fill(out: npt.NDArray[np.uint8], at: npt.NDArray[np.int64], frames: npt.NDAr
 
     The frames have columns receive, can_id, wire, response, length and data.
     """
-    columns = (
-        ("receive_time", frames["receive"].astype("<u8")),
-        ("id", frames["can_id"].astype("<u4")),
-        ("wire_time", frames["wire"].astype("<u8")),
-        ("response_time", np.minimum(frames["response"], LONGEST_RESPONSE_NS).astype("<u4")),
-    )
-    for name, values in columns:
-        scatter(out, at + _HEAD.offset(name), values)
-    inside = np.arange(MAX_DATA) < frames["length"][:, None]
-    out[(at[:, None] + (DATA_AT + np.arange(MAX_DATA)))[inside]] = frames["data"][inside]
+    if len(frames):
+        columns = (frames[name].data for name in ("receive", "can_id", "wire", "response", "length", "data"))
+        _fill(out.data, at.data, *columns, *map(_HEAD.offset, ("receive_time", "id", "wire_time", "response_time")))
+
+
+def _fill(
+    out: cython.uchar[::1],
+    at: cython.longlong[::1],
+    receive: cython.longlong[:],
+    can_id: cython.uint[:],
+    wire: cython.longlong[:],
+    response: cython.longlong[:],
+    length: cython.uchar[:],
+    data: cython.uchar[:, :],
+    receive_at: cython.Py_ssize_t,
+    id_at: cython.Py_ssize_t,
+    wire_at: cython.Py_ssize_t,
+    response_at: cython.Py_ssize_t,
+) -> None:
+    longest: cython.longlong = LONGEST_RESPONSE_NS
+    data_at: cython.Py_ssize_t = DATA_AT
+    row: cython.Py_ssize_t
+    byte: cython.Py_ssize_t
+    for row in range(at.shape[0]):
+        begin: cython.Py_ssize_t = at[row]
+        responded: cython.longlong = min(response[row], longest)
+        for byte in range(8):
+            out[begin + receive_at + byte] = receive[row] >> 8 * byte & 0xFF
+            out[begin + wire_at + byte] = wire[row] >> 8 * byte & 0xFF
+        for byte in range(4):
+            out[begin + id_at + byte] = can_id[row] >> 8 * byte & 0xFF
+            out[begin + response_at + byte] = responded >> 8 * byte & 0xFF
+        for byte in range(length[row]):
+            out[begin + data_at + byte] = data[row, byte]
 
 
 def read(

@@ -8,19 +8,20 @@ centre of mass projected onto the road (ISO 8855 axes), `veh<i>/slot` its planne
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
-from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
 from foxglove_schemas_protobuf.Log_pb2 import Log
-from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
 from bench.record.drawing import BODY, LANE_WIDTH, colour, lane_edges
+from bench.record.layout import tag, varint
 
 MAP_FRAME = "map"
 LEVELS = {"debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR, "fatal": Log.FATAL}
@@ -62,37 +63,62 @@ def transforms(time_ns: int, poses: Sequence[tuple[float, float, float, float]])
         time_ns: simulated time.
         poses: X [m], Y [m], psi (yaw) [rad] and phi (roll) [rad] of each vehicle.
     """
-    message = FrameTransforms()
+    stamp, found = _timestamp(time_ns), []
     for vehicle, (x, y, psi, phi) in enumerate(poses, start=1):
-        item = message.transforms.add(parent_frame_id=MAP_FRAME, child_frame_id=frame_id(vehicle))
-        item.timestamp.FromNanoseconds(time_ns)
-        item.translation.x, item.translation.y = x, y
         cos_yaw, sin_yaw = math.cos(psi / 2.0), math.sin(psi / 2.0)
         cos_roll, sin_roll = math.cos(phi / 2.0), math.sin(phi / 2.0)
-        item.rotation.x, item.rotation.y = cos_yaw * sin_roll, sin_yaw * sin_roll
-        item.rotation.z, item.rotation.w = sin_yaw * cos_roll, cos_yaw * cos_roll
-    return message.SerializeToString()
+        rotation = cos_yaw * sin_roll, sin_yaw * sin_roll, sin_yaw * cos_roll, cos_yaw * cos_roll
+        found.append(_field(1, stamp + _frames(frame_id(vehicle)) + _placed(4, x, y, *rotation)))
+    return b"".join(found)
 
 
 def slots(time_ns: int, places: Mapping[str, tuple[float, float]]) -> bytes:
     """Return one FrameTransforms from `map` to the slots: by bus X and Y in m."""
-    message = FrameTransforms()
-    for bus, (x, y) in places.items():
-        item = message.transforms.add(parent_frame_id=MAP_FRAME, child_frame_id=slot_frame_id(bus))
-        item.timestamp.FromNanoseconds(time_ns)
-        item.translation.x, item.translation.y = x, y
-        item.rotation.w = 1.0
-    return message.SerializeToString()
+    stamp = _timestamp(time_ns)
+    return b"".join(
+        _field(1, stamp + _frames(slot_frame_id(bus)) + _placed(4, x, y, *_ALONG_THE_ROAD))
+        for bus, (x, y) in places.items()
+    )
 
 
 def plan(time_ns: int, x: float, y: float) -> bytes:
     """Return a plan of one pose in the road frame: the planner's target."""
-    message = PosesInFrame(frame_id=MAP_FRAME)
-    message.timestamp.FromNanoseconds(time_ns)
-    pose = message.poses.add()
-    pose.position.x, pose.position.y = x, y
-    pose.orientation.w = 1.0
-    return message.SerializeToString()
+    return _timestamp(time_ns) + _MAP + _field(3, _placed(1, x, y, *_ALONG_THE_ROAD))
+
+
+# These messages are in every cycle, so they are encoded here, not by protobuf: in a third of the time.
+_ALONG_THE_ROAD = (0.0, 0.0, 0.0, 1.0)
+# Vector3 x, y and Quaternion x, y, z, w, each field a tag and a double, in the two fields of a transform or a pose.
+_PLACED = struct.Struct("<BBBdBdBBBdBdBdBd").pack
+
+
+def _field(number: int, content: bytes) -> bytes:
+    """Return a field of a message that is a message or text."""
+    if len(content) < 128:
+        return bytes((number << 3 | 2, len(content))) + content
+    return tag(number, 2) + varint(len(content)) + content
+
+
+@lru_cache(maxsize=2)
+def _timestamp(time_ns: int) -> bytes:
+    """Return the field `timestamp`."""
+    seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+    return _field(1, tag(1, 0) + varint(seconds) + tag(2, 0) + varint(nanoseconds))
+
+
+@lru_cache(maxsize=256)
+def _frames(child: str) -> bytes:
+    """Return the fields `parent_frame_id` and `child_frame_id` of a transform."""
+    return _field(2, MAP_FRAME.encode()) + _field(3, child.encode())
+
+
+_MAP = _field(2, MAP_FRAME.encode())
+
+
+def _placed(number: int, x: float, y: float, qx: float, qy: float, qz: float, qw: float) -> bytes:
+    """Return translation and rotation, fields `number` and the one after, or position and orientation."""
+    first, second = number << 3 | 2, number + 1 << 3 | 2
+    return _PLACED(first, 18, 9, x, 17, y, second, 36, 9, qx, 17, qy, 25, qz, 33, qw)
 
 
 def log(time_ns: int, level: str, source: str, text: str) -> bytes:

@@ -79,7 +79,7 @@ class Meaning:
         described = signal_message(self._bus, codec, name)
         frames = self._frames
         frames = frames[(frames["can_id"] == described.can_id) & (frames["length"] == described.length)]
-        _, _, values = SignalTable([described]).decode(frames["data"], np.zeros(len(frames), np.int64))
+        _, values = SignalTable([described]).decode(frames["data"], np.zeros(len(frames), np.int64))
         fields = described.layout.fields
         table = values.reshape(len(frames), len(fields))
         columns = {"t": frames["time"] / 1e9} | {field.name: table[:, at] for at, field in enumerate(fields)}

@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The decoded-signal messages of a log, generated from the DBC, and the decoding of many frames at once into them.
 
 Each DBC message becomes one flat protobuf message with a field per signal: whole numbers for signals without a
@@ -6,8 +7,10 @@ fractional scale, an enumeration for signals with a value table, float for IEEE 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cython
 import numpy as np
 import numpy.typing as npt
 from cantools.database.can.signal import Signal
@@ -103,7 +106,7 @@ class SignalTable:
         first, count: for each message, index of its first signal in the table and number of signals.
     """
 
-    def __init__(self, messages: list[SignalMessage]) -> None:
+    def __init__(self, messages: Sequence[SignalMessage]) -> None:
         """Line up the signals of `messages`."""
         bits = [bits for message in messages for bits in message.bits]
         counts = [len(message.bits) for message in messages]
@@ -112,28 +115,125 @@ class SignalTable:
         self._shift = np.array([b.shift for b in bits], np.uint64)
         self._mask = np.array([b.mask for b in bits], np.uint64)
         self._sign = np.array([b.sign for b in bits], np.int64)
-        self._is_float = np.array([b.is_float for b in bits], np.bool_)
+        self._is_float = np.array([b.is_float for b in bits], np.uint8)
         self._scale = np.array([b.scale for b in bits], np.float64)
         self._offset = np.array([b.offset for b in bits], np.float64)
+        kinds = [field.kind for message in messages for field in message.layout.fields]
+        self._width = np.array([_WIDTHS[kind] for kind in kinds], np.uint8)
+        self._is_whole = np.array([kind in _WHOLE for kind in kinds], np.uint8)
+        places = [message.layout.offset(field.name) for message in messages for field in message.layout.fields]
+        self._place = np.array(places, np.int64)
 
     def decode(
         self, data: npt.NDArray[np.uint8], message: npt.NDArray[np.int64]
-    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
         """Return all signals of frames `data` (n, 8), zero-padded, whose messages are `message` (n,).
 
         Returns:
-            For each signal of each frame, frame by frame: the frame's index, the signal's index in the table and
-            the physical value.
+            For each frame, the index of its first value; and the physical values of all signals, frame by frame, in
+            the order of their messages.
         """
         count = self.count[message]
-        frame = np.repeat(np.arange(len(message)), count)
-        within = np.arange(len(frame)) - np.repeat(np.cumsum(count) - count, count)
-        signal = self.first[message][frame] + within
-        number = np.ascontiguousarray(data).view("<u8").reshape(-1)
-        raw = (number[frame] >> self._shift[signal]) & self._mask[signal]
-        sign = self._sign[signal]
-        value = ((raw.view(np.int64) ^ sign) - sign).astype(np.float64)
-        floats = self._is_float[signal]
-        if floats.any():
-            value[floats] = raw[floats].astype("<u4").view("<f4")
-        return frame, signal, value * self._scale[signal] + self._offset[signal]
+        first = np.cumsum(count)
+        value = np.empty(int(first[-1]) if len(first) else 0)
+        first -= count
+        number = np.array(data, order="C").view("<u8").reshape(-1)
+        floats = np.zeros(1, np.float32)
+        if len(value):
+            _decode(
+                value.data,
+                number.data,
+                *(item.data for item in (self.first[message], count, self._shift, self._mask, self._sign)),
+                *(item.data for item in (self._is_float, self._scale, self._offset, floats, floats.view(np.uint32))),
+            )
+        return first, value
+
+    def fill(
+        self,
+        out: npt.NDArray[np.uint8],
+        at: npt.NDArray[np.int64],
+        message: npt.NDArray[np.int64],
+        value: npt.NDArray[np.float64],
+    ) -> None:
+        """Write values as `decode` returns them to records of messages (n,), which start at `at` (n,) in `out`."""
+        double, single = np.zeros(1), np.zeros(1, np.float32)
+        if len(value):
+            _fill(
+                out.data,
+                value.data,
+                *(item.data for item in (at, self.first[message], self.count[message])),
+                *(item.data for item in (self._place, self._width, self._is_whole)),
+                *(item.data for item in (double, double.view(np.uint8), single, single.view(np.uint8))),
+            )
+
+
+_WIDTHS: dict[Kind, int] = {"double": 8, "float": 4, "fixed32": 4, "sfixed32": 4, "enum": 1}
+_WHOLE: frozenset[Kind] = frozenset(("fixed32", "sfixed32", "enum"))
+
+
+def _decode(
+    value: cython.double[::1],
+    number: cython.ulonglong[::1],
+    first: cython.longlong[::1],
+    count: cython.longlong[::1],
+    shift: cython.ulonglong[::1],
+    mask: cython.ulonglong[::1],
+    sign: cython.longlong[::1],
+    is_float: cython.uchar[::1],
+    scale: cython.double[::1],
+    offset: cython.double[::1],
+    single: cython.float[::1],
+    single_bits: cython.uint[::1],
+) -> None:
+    """Set `value`, frame by frame; `single` and `single_bits` are the same bytes."""
+    frame: cython.Py_ssize_t
+    signal: cython.Py_ssize_t
+    at: cython.Py_ssize_t = 0
+    for frame in range(number.shape[0]):
+        for signal in range(first[frame], first[frame] + count[frame]):
+            raw: cython.ulonglong = number[frame] >> shift[signal] & mask[signal]
+            if is_float[signal]:
+                single_bits[0] = raw
+                value[at] = single[0]
+            else:
+                whole: cython.longlong = raw
+                whole = (whole ^ sign[signal]) - sign[signal]
+                value[at] = whole * scale[signal] + offset[signal]
+            at += 1
+
+
+def _fill(
+    out: cython.uchar[::1],
+    value: cython.double[::1],
+    record: cython.longlong[::1],
+    first: cython.longlong[::1],
+    count: cython.longlong[::1],
+    place: cython.longlong[::1],
+    width: cython.uchar[::1],
+    is_whole: cython.uchar[::1],
+    double: cython.double[::1],
+    double_bytes: cython.uchar[::1],
+    single: cython.float[::1],
+    single_bytes: cython.uchar[::1],
+) -> None:
+    """Write each value little-endian; `double` and `double_bytes` are the same bytes, and so are the last two."""
+    frame: cython.Py_ssize_t
+    signal: cython.Py_ssize_t
+    byte: cython.Py_ssize_t
+    index: cython.Py_ssize_t = 0
+    for frame in range(record.shape[0]):
+        for signal in range(first[frame], first[frame] + count[frame]):
+            at: cython.Py_ssize_t = record[frame] + place[signal]
+            if is_whole[signal]:
+                whole: cython.longlong = cython.cast(cython.longlong, value[index])
+                for byte in range(width[signal]):
+                    out[at + byte] = whole >> 8 * byte & 0xFF
+            elif width[signal] == 8:
+                double[0] = value[index]
+                for byte in range(8):
+                    out[at + byte] = double_bytes[byte]
+            else:
+                single[0] = value[index]
+                for byte in range(4):
+                    out[at + byte] = single_bytes[byte]
+            index += 1

@@ -14,7 +14,7 @@ from mcap.records import Channel
 
 from bench.errors import BadInput
 from bench.mcap.blocks import Part, blocks
-from bench.mcap.container import INDEX_ENTRY
+from bench.mcap.records import INDEX_ENTRY
 from bench.mcap.scan import ScannedFile
 from bench.mcap.time_span import ALL, NS, Span
 from bench.record.columns import Columns

@@ -18,6 +18,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -30,14 +31,15 @@ from foxglove_schemas_protobuf.PosesInFrame_pb2 import PosesInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 
 from bench.bus.codec import Codec
-from bench.bus.frame import BusFrame, RefusedFrame
-from bench.bus.wire.timing import FRAME, BusTimeline
+from bench.bus.frame import BusFrame
+from bench.bus.wire.timing import BusTimeline, FrameBuffer
 from bench.errors import RunFailed
 from bench.events import Event
 from bench.files import already_exists
-from bench.mcap.chunking import ChunkGroups, Records
-from bench.mcap.container import MESSAGE, MESSAGE_FIELDS, McapFile, media_type, storable
+from bench.mcap.chunking import ChunkGroups
+from bench.mcap.container import McapFile, media_type, storable
 from bench.mcap.gathering import scatter
+from bench.mcap.records import MESSAGE, Records, Templates
 from bench.record import can_frame, dbc_files, foxglove, process_usage
 from bench.record import event as event_record
 from bench.record.layout import Field, Layout, file_descriptor_set
@@ -45,18 +47,22 @@ from bench.record.process_usage import ProcessUsage
 from bench.record.signals import SignalMessage, SignalTable, signal_message
 
 CHUNK_BYTES = 64 * 1024
+BATCH_BYTES = 256 * 1024
+"""Buffered data is encoded when it has about this size, if it is not written before."""
 FLUSH_S = 0.5
 """Data older than this, by the host's clock or by simulated time, is written; by the latter only full chunks."""
 PLAN_MESSAGE = "PlannerTarget"
 
-# A `FRAME` that has not been on the wire yet.
-_pack_pending = struct.Struct("<qq16x8sIHBB").pack
 # Average bytes of a frame in a chunk, raw and decoded; only sets when a chunk counts as full.
 _BYTES_A_FRAME = 150
 
 _log = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
+
+_Message = tuple[int, int, bytes]
+"""Channel, time in ns and payload."""
+_time = itemgetter(1)
 
 
 @dataclass(frozen=True)
@@ -124,9 +130,9 @@ class RunWriter:
         self._make_truth_channels(truth_names, truth_units or {})
         self._rest_group = len(codecs) + 2
         self._group = self._groups_of_channels()
-        self._pending = bytearray()
+        self._pending = FrameBuffer(codecs)
         self._pending_truth: list[tuple[int, int, bytes]] = []
-        self._pending_other: list[tuple[int, int, bytes]] = []
+        self._pending_other: list[_Message] = []
         self._pending_bytes = 0
         self._newest = -1
         self._poses: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
@@ -167,19 +173,8 @@ class RunWriter:
             ValueError: a frame has more than 8 bytes; then none of these frames is recorded.
             RunFailed: the file cannot be written.
         """
-        for bus, can_id, data in frames:
-            if len(data) > can_frame.MAX_DATA:
-                raise ValueError(f"frame 0x{can_id:03X} on {bus}: {len(data)} bytes, not 0 to {can_frame.MAX_DATA}")
         self._make_room(time_ns, _BYTES_A_FRAME * len(frames))
-        pack, numbers = _pack_pending, self._bus_numbers
-        self._pending += b"".join(
-            [
-                pack(
-                    time_ns, received, frame[2], frame[1], numbers[frame[0]], len(frame[2]), type(frame) is RefusedFrame
-                )
-                for frame, received in zip(frames, receive_ns, strict=True)
-            ]
-        )
+        self._pending.add(time_ns, frames, receive_ns)
 
     def truth(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
         """Record a truth row: the values of `truth_names`, in that order.
@@ -241,11 +236,9 @@ class RunWriter:
 
     def _encode_pending(self, frames: npt.NDArray[Any]) -> None:
         # If the bus was busy, all frames received may be on the wire only in the next cycle.
-        if len(frames) or self._pending_truth or self._pending_other:
-            records, group = self._encode(frames)
-            for number, part in records.by_group(group):
-                self._groups.add(number, part)
-        self._pending.clear()
+        others = self._pending_other + self._add_frames(frames)
+        self._add_truth()
+        self._add_others(others)
         self._pending_truth.clear()
         self._pending_other.clear()
         self._pending_bytes = 0
@@ -284,23 +277,21 @@ class RunWriter:
         """Register a raw channel per bus and a decoded one per bus and message, with their templates."""
         raw_schema = self._file.add_schema(can_frame.NAME, can_frame.SCHEMA)
         # Templates 0..8 are raw frames of that many bytes, followed by the decoded messages, then truth.
-        templates = [_template(can_frame.template(length)) for length in range(9)]
+        templates = [can_frame.template(length) for length in range(9)]
         messages: list[SignalMessage] = []
         places: dict[tuple[str, bytes], int] = {}
-        self._bus_numbers: dict[str, int] = {}
         self._raw_channels: list[int] = []
         self._plan_channels: dict[int, tuple[str, int, SignalMessage]] = {}
         decoded: dict[int, _Decoded] = {}
         poses_schema = self._file.add_schema(*foxglove.schema(PosesInFrame))
         for number, (bus, codec) in enumerate(codecs.items()):
-            self._bus_numbers[bus] = number
             about = {"bus": bus, dbc_files.METADATA: dbc_names[bus]}
             self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, about))
             for message in _messages(bus, codec):
                 place = places.setdefault((message.schema_name, message.schema), len(messages))
                 if place == len(messages):
                     messages.append(message)
-                    templates.append(_template(message.layout.template))
+                    templates.append(message.layout.template)
                 schema = self._file.add_schema(message.schema_name, message.schema)
                 topic = f"/signals/{bus}/{message.name}"
                 channel = self._file.add_channel(topic, schema, {"bus": bus, **message.channel_metadata})
@@ -310,9 +301,8 @@ class RunWriter:
                     self._plan_channels[channel] = (bus, plan, message)
         self._raw_channel_array = np.array(self._raw_channels, np.int64)
         self._table = SignalTable(messages)
-        self._signal_places = _SignalPlaces(messages)
         self._decoded = _DecodedTable(decoded)
-        self._templates = templates
+        self._payloads = templates
 
     def _make_truth_channels(self, names: Sequence[str], units: Mapping[str, str]) -> None:
         """Register the truth, pose, scene and event channels and finish the template table."""
@@ -327,11 +317,8 @@ class RunWriter:
         }
         self._truth_layout, self._truth_count = layout, len(names)
         self._truth_places = np.array([layout.offset(name) for name in names], np.int64) + MESSAGE.itemsize
-        self._truth_template = len(self._templates)
-        self._templates.append(_template(layout.template))
-        self._template_size = np.array([len(template) for template in self._templates], np.int64)
-        self._template_start = np.cumsum(self._template_size) - self._template_size
-        self._template_bytes = np.frombuffer(b"".join(self._templates), np.uint8)
+        self._truth_template = len(self._payloads)
+        self._templates = Templates([*self._payloads, layout.template])
         pose_names = ("X", "Y", "psi", "phi")
         self._pose_columns = [names.index(name) for name in pose_names] if set(pose_names) <= set(names) else None
         self._pose_channel = self._foxglove_channel("/tf", FrameTransforms)
@@ -359,7 +346,7 @@ class RunWriter:
             self._newest = time_ns
             if time.monotonic() - self._flushed_at >= FLUSH_S or (held >= CHUNK_BYTES and old_ns >= FLUSH_S * 1e9):
                 self.flush()
-            elif self._pending_bytes >= CHUNK_BYTES:
+            elif self._pending_bytes >= BATCH_BYTES:
                 self._encode_pending(self._on_the_wire())
         self._pending_bytes += size
 
@@ -369,7 +356,7 @@ class RunWriter:
 
     def _on_the_wire(self, *, last: bool = False) -> npt.NDArray[Any]:
         """Return the pending frames that can be written, with their times on the wire."""
-        frames = np.frombuffer(self._pending.copy(), FRAME)
+        frames = self._pending.take()
         return frames if self._timeline is None else self._timeline.send(frames, last=last)
 
     def _note_pose(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
@@ -398,95 +385,70 @@ class RunWriter:
                 self._stream.close()
             raise RunFailed(f"cannot write the log {self._path}: {error.strerror or error}") from error
 
-    def _encode(self, frames: npt.NDArray[Any]) -> tuple[Records, npt.NDArray[np.int64]]:
-        """Return all pending data as records, group by group in the order of time, and the group of each.
-
-        Among messages of one time: the frames in their order, each raw and then decoded, then truth, then all others.
-        """
+    def _add_frames(self, frames: npt.NDArray[Any]) -> list[_Message]:
+        """Encode frames, raw and decoded, each bus's in the order of time; return the plans in them."""
+        if not len(frames):
+            return []
+        if (np.diff(frames["time"]) < 0).any():
+            frames = frames[np.argsort(frames["time"], kind="stable")]
+        raw = self._records(frames["length"].astype(np.int64), self._raw_channel_array[frames["bus"]], frames["time"])
+        can_frame.fill(raw.data, raw.offset + MESSAGE.itemsize, frames)
+        self._groups.add(0, raw)
         which = self._decoded.find(frames)
         known = np.flatnonzero(which >= 0)
-        which = which[known]
-        signal_frame, signal, value = self._table.decode(frames["data"][known], self._decoded.message[which])
-        plans = self._plans(frames["time"][known], self._decoded.channel[which], signal_frame, value)
-        truth, others = self._pending_truth, self._pending_other + plans
-        n_frames, n_known, n_truth = len(frames), len(known), len(truth)
-        # Records in four blocks: raw, decoded, truth, others. `rank` puts them in order among equal times.
-        truth_channels = [self._truth_channels[vehicle] for vehicle, _, _ in truth]
-        channel = np.concatenate(
-            [
-                self._raw_channel_array[frames["bus"]],
-                self._decoded.channel[which],
-                np.array(truth_channels, np.int64),
-                np.array([number for number, _, _ in others], np.int64),
-            ]
-        )
-        times = [at for _, at, _ in truth] + [at for _, at, _ in others]
-        log_time = np.concatenate([frames["time"], frames["time"][known], np.array(times, np.int64)])
-        rank = np.concatenate([np.arange(n_frames) * 2, known * 2 + 1, 2 * n_frames + np.arange(len(times))])
-        template = np.concatenate(
-            [frames["length"].astype(np.int64), self._decoded.template[which], np.full(n_truth, self._truth_template)]
-        )
-        payloads = [MESSAGE.itemsize + len(payload) for _, _, payload in others]
-        size = np.concatenate([self._template_size[template], np.array(payloads, np.int64)])
-        group = self._group[channel]
-        order = np.lexsort((rank, log_time, group))
-        offset = np.empty(len(order), np.int64)
-        offset[order] = np.cumsum(size[order]) - size[order]
-        out = np.zeros(int(size.sum()), np.uint8)
+        known = known[np.argsort(frames["bus"][known], kind="stable")]
+        frames, which = frames[known], which[known]
+        message, channel = self._decoded.message[which], self._decoded.channel[which]
+        first, value = self._table.decode(frames["data"], message)
+        records = self._records(self._decoded.template[which], channel, frames["time"])
+        self._table.fill(records.data, records.offset + MESSAGE.itemsize, message, value)
+        for group, part in records.by_group(self._group[channel]):
+            self._groups.add(group, part)
+        return self._plans(frames["time"], channel, first, value)
 
-        n_made = len(template)
-        self._fill_templates(out, offset[:n_made], size[:n_made], self._template_start[template])
-        _fill_headers(out, offset, size, channel, log_time, self._next_sequence(channel, order))
-        can_frame.fill(out, offset[:n_frames] + MESSAGE.itemsize, frames)
-        self._signal_places.fill(out, offset[n_frames : n_frames + n_known][signal_frame], signal, value)
+    def _add_truth(self) -> None:
+        if not self._pending_truth:
+            return
+        truth = sorted(self._pending_truth, key=_time)
+        template = np.full(len(truth), self._truth_template)
+        channel = np.array([self._truth_channels[vehicle] for vehicle, _, _ in truth], np.int64)
+        records = self._records(template, channel, np.array([at for _, at, _ in truth], np.int64))
         rows = np.frombuffer(b"".join(row for _, _, row in truth), "<f8")
-        scatter(out, (offset[n_frames + n_known : n_made, None] + self._truth_places).reshape(-1), rows)
-        for (_, _, payload), start in zip(others, offset[n_made:].tolist(), strict=True):
-            out[start + MESSAGE.itemsize : start + MESSAGE.itemsize + len(payload)] = np.frombuffer(payload, np.uint8)
-        return Records(out, channel[order], log_time[order], offset[order]), group[order]
+        scatter(records.data, (records.offset[:, None] + self._truth_places).reshape(-1), rows)
+        self._groups.add(self._rest_group - 1, records)
 
-    def _fill_templates(
-        self,
-        out: npt.NDArray[np.uint8],
-        offset: npt.NDArray[np.int64],
-        size: npt.NDArray[np.int64],
-        source: npt.NDArray[np.int64],
-    ) -> None:
-        within = np.arange(int(size.sum())) - np.repeat(np.cumsum(size) - size, size)
-        out[within + np.repeat(offset, size)] = self._template_bytes[within + np.repeat(source, size)]
+    def _add_others(self, others: Sequence[_Message]) -> None:
+        if not others:
+            return
+        ordered = sorted(others, key=_time)
+        channel, log_time = (np.array([each[column] for each in ordered], np.int64) for column in (0, 1))
+        templates = Templates([payload for _, _, payload in ordered])
+        records = templates.records(np.arange(len(ordered)), channel, log_time, self._sequence)
+        self._groups.add(self._rest_group, records)
 
-    def _next_sequence(self, channel: npt.NDArray[np.int64], order: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Return each message's sequence number in its channel, in the order of the file."""
-        by_channel = order[np.argsort(channel[order], kind="stable")]
-        grouped = channel[by_channel]
-        starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
-        counts = np.diff(np.append(starts, len(grouped)))
-        within = np.arange(len(grouped)) - np.repeat(starts, counts)
-        sequence = np.empty(len(channel), np.int64)
-        sequence[by_channel] = self._sequence[grouped] + within
-        self._sequence[grouped[starts]] += counts
-        return sequence
+    def _records(
+        self, template: npt.NDArray[np.int64], channel: npt.NDArray[np.int64], log_time: npt.NDArray[np.int64]
+    ) -> Records:
+        return self._templates.records(template, channel, np.ascontiguousarray(log_time), self._sequence)
 
     def _plans(
         self,
         log_time: npt.NDArray[np.int64],
         channel: npt.NDArray[np.int64],
-        signal_frame: npt.NDArray[np.int64],
+        first: npt.NDArray[np.int64],
         value: npt.NDArray[np.float64],
-    ) -> list[tuple[int, int, bytes]]:
+    ) -> list[_Message]:
         """Return a plan for each frame that carries a planner's target, and the transforms to these slots."""
-        plans: list[tuple[int, int, bytes]] = []
+        plans: list[_Message] = []
         slots: dict[int, dict[str, tuple[float, float]]] = {}
         for decoded, (bus, plan_channel, message) in self._plan_channels.items():
+            rows = np.flatnonzero(channel == decoded)
             names = message.layout.values
-            columns = names.index("TargetX"), names.index("TargetY")
-            for frame in np.flatnonzero(channel == decoded).tolist():
-                first = int(np.searchsorted(signal_frame, frame))
-                if not value[first : first + len(names)].any():
-                    # Start values: the planner has no target yet, or does not say.
-                    continue
-                at = int(log_time[frame])
-                x, y = (float(value[first + column]) for column in columns)
+            values = value[first[rows][:, None] + np.arange(len(names))]
+            # Start values: the planner has no target yet, or does not say.
+            given = values.any(axis=1)
+            targets = values[:, (names.index("TargetX"), names.index("TargetY"))][given].tolist()
+            for at, (x, y) in zip(log_time[rows[given]].tolist(), targets, strict=True):
                 plans.append((plan_channel, at, foxglove.plan(at, x, y)))
                 slots.setdefault(at, {})[bus] = x, y
         plans += [(self._pose_channel, at, foxglove.slots(at, places)) for at, places in slots.items()]
@@ -515,58 +477,10 @@ class _DecodedTable:
         return np.where(good, found, -1)
 
 
-class _SignalPlaces:
-    """Position and encoding of each signal of the table in its record."""
-
-    def __init__(self, messages: Sequence[SignalMessage]) -> None:
-        places = [message.layout.offset(name) for message in messages for name in message.layout.values]
-        types = [str(message.layout.dtype[name].str) for message in messages for name in message.layout.values]
-        self._place = np.array(places, np.int64) + MESSAGE.itemsize
-        self._types = sorted(set(types))
-        self._type = np.array([self._types.index(item) for item in types], np.int64)
-
-    def fill(
-        self,
-        out: npt.NDArray[np.uint8],
-        record: npt.NDArray[np.int64],
-        signal: npt.NDArray[np.int64],
-        value: npt.NDArray[np.float64],
-    ) -> None:
-        """Write values (n,) of signals (n,) into their records, which start at `record` (n,)."""
-        kind = self._type[signal]
-        place = record + self._place[signal]
-        for number, name in enumerate(self._types):
-            chosen = np.flatnonzero(kind == number)
-            if len(chosen):
-                scatter(out, place[chosen], value[chosen].astype(name))
-
-
 def _messages(bus: str, codec: Codec) -> list[SignalMessage]:
     """Return the log's form of all messages of a bus; `veh1` and `veh2` share their schemas as `veh`."""
     package = f"platoon.{bus.rstrip('0123456789')}"
     return [signal_message(package, codec, name) for name in codec.names]
-
-
-def _template(payload: bytes) -> bytes:
-    header = np.zeros(1, MESSAGE)
-    header["opcode"], header["length"] = 5, MESSAGE_FIELDS + len(payload)
-    return header.tobytes() + payload
-
-
-def _fill_headers(
-    out: npt.NDArray[np.uint8],
-    offset: npt.NDArray[np.int64],
-    size: npt.NDArray[np.int64],
-    channel: npt.NDArray[np.int64],
-    log_time: npt.NDArray[np.int64],
-    sequence: npt.NDArray[np.int64],
-) -> None:
-    header = np.empty(len(offset), MESSAGE)
-    header["opcode"] = 5
-    header["length"] = size - 9
-    header["channel"], header["sequence"] = channel, sequence & 0xFFFFFFFF
-    header["log_time"] = header["publish_time"] = log_time
-    scatter(out, offset, header)
 
 
 def _lanes(scenario: bytes) -> list[float]:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -226,7 +227,7 @@ def test_fields_that_are_no_json_object_are_an_error_that_names_the_topic(tmp_pa
 
 def test_another_schema_on_the_topic_is_an_error_that_names_it(tmp_path: Path) -> None:
     for topic in ("/events", event_record.TOPIC):
-        strange = log_of(tmp_path, topic, *foxglove.schema(foxglove.FrameTransforms), b"")
+        strange = log_of(tmp_path, topic, *foxglove.schema(FrameTransforms), b"")
         with pytest.raises(BadInput, match=f"topic {topic} has messages that are not events"):
             _ = strange.events
 

@@ -39,11 +39,12 @@ TABLE = SignalTable(MESSAGES)
 @given(st.lists(st.tuples(st.integers(0, len(MESSAGES) - 1), st.binary(min_size=8, max_size=8)), max_size=20))
 def test_any_mix_of_frames_is_decoded_as_cantools_decodes_it(frames):
     data = np.frombuffer(b"".join(d for _, d in frames), np.uint8).reshape(-1, 8)
-    rows, signals, values = TABLE.decode(data, np.array([number for number, _ in frames], np.int64))
-    names = [(m.name, name) for m in MESSAGES for name in m.layout.values]
-    found = {}
-    for row, signal, value in zip(rows.tolist(), signals.tolist(), values.tolist(), strict=True):
-        found.setdefault(row, {})[names[signal]] = value
+    first, values = TABLE.decode(data, np.array([number for number, _ in frames], np.int64))
+    found = [
+        {(MESSAGES[number].name, name): values[at + place] for place, name in enumerate(MESSAGES[number].layout.values)}
+        for (number, _), at in zip(frames, first.tolist(), strict=True)
+    ]
+    assert len(values) == sum(map(len, found))
     for row, (number, raw) in enumerate(frames):
         message = MESSAGES[number]
         payload = raw[: message.length]

@@ -15,7 +15,7 @@ A frame is released (starts to wait for the bus)
 The end of a frame is that of its last bit, before the interframe space; its response time is from release to end.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import cython
@@ -24,12 +24,15 @@ import numpy.typing as npt
 
 from bench.bus.absence import BENCH_ABSENT
 from bench.bus.codec import Codec
+from bench.bus.frame import BusFrame, RefusedFrame
 from bench.bus.network import transmissions
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
 from bench.bus.wire.frame_length import INTERFRAME_BITS, frame_bits, longest_bits, priority
 from bench.cycle import CYCLE_NS
 from bench.names import PLANT, V2V
+
+_MOST_BYTES = cython.declare(cython.int, 8)
 
 MOST_HELD = 20_000
 """Number of frames that wait for their time on the wire; beyond it, a flood's are sent whatever may follow."""
@@ -51,6 +54,68 @@ FRAME = np.dtype(
 )
 """A frame: simulated time of its cycle, receive time on the host, end on the wire (simulated; 0 if never sent) and
 response time, all in ns; data padded with zeros; number of its bus; whether it was refused, 1 or 0. Without gaps."""
+
+
+@cython.cclass
+class FrameBuffer:
+    """Collects frames as they are received, as a table of `FRAME`."""
+
+    _numbers: dict[str, int]
+    _table: Any
+    _count: cython.Py_ssize_t
+    _time: cython.longlong[:]
+    _receive: cython.longlong[:]
+    _data: cython.uchar[:, :]
+    _can_id: cython.uint[:]
+    _bus: cython.ushort[:]
+    _length: cython.uchar[:]
+    _refused: cython.uchar[:]
+
+    def __init__(self, buses: Iterable[str]) -> None:
+        """Begin with nothing; frames name a bus by its place in `buses`."""
+        self._numbers = {bus: number for number, bus in enumerate(buses)}
+        self._count = 0
+        self._use(np.zeros(256, FRAME))
+
+    def _use(self, table: npt.NDArray[Any]) -> None:
+        self._table = table
+        self._time, self._receive = table["time"].data, table["receive"].data
+        self._data, self._can_id, self._bus = table["data"].data, table["can_id"].data, table["bus"].data
+        self._length, self._refused = table["length"].data, table["refused"].data
+
+    def add(self, time_ns: int, frames: Sequence[BusFrame], receive_ns: Sequence[int]) -> None:
+        """Add frames (n,) of the simulated time `time_ns`, received at `receive_ns` (n,).
+
+        Raises:
+            ValueError: a frame has more than 8 bytes; then none of them is added.
+        """
+        at: cython.Py_ssize_t = self._count
+        index: cython.Py_ssize_t
+        byte: cython.Py_ssize_t
+        time: cython.longlong = time_ns
+        if at + len(frames) > len(self._table):
+            table = np.zeros(2 * (at + len(frames)), FRAME)
+            table[:at] = self._table[:at]
+            self._use(table)
+        for index in range(len(frames)):
+            frame = frames[index]
+            data: bytes = frame[2]
+            size: cython.Py_ssize_t = len(data)
+            if size > _MOST_BYTES:
+                raise ValueError(f"frame 0x{frame[1]:03X} on {frame[0]}: {size} bytes, not 0 to {_MOST_BYTES}")
+            self._time[at], self._receive[at] = time, receive_ns[index]
+            self._can_id[at], self._bus[at] = frame[1], self._numbers[frame[0]]
+            self._length[at], self._refused[at] = size, type(frame) is RefusedFrame
+            for byte in range(_MOST_BYTES):
+                self._data[at, byte] = data[byte] if byte < size else 0
+            at += 1
+        self._count = at
+
+    def take(self) -> npt.NDArray[Any]:
+        """Return the frames, and empty the buffer."""
+        table: npt.NDArray[Any] = self._table[: self._count].copy()
+        self._count = 0
+        return table
 
 
 @cython.cclass
