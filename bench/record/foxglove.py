@@ -99,7 +99,7 @@ def _field(number: int, content: bytes) -> bytes:
     return tag(number, 2) + varint(len(content)) + content
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=256)
 def _timestamp(time_ns: int) -> bytes:
     """Return the field `timestamp`."""
     seconds, nanoseconds = divmod(time_ns, 1_000_000_000)

@@ -280,6 +280,8 @@ class RunWriter:
         templates = [can_frame.template(length) for length in range(9)]
         messages: list[SignalMessage] = []
         places: dict[tuple[str, bytes], int] = {}
+        # `veh1` and `veh2` share their schemas, as `veh`.
+        described: dict[tuple[str, int], list[SignalMessage]] = {}
         self._raw_channels: list[int] = []
         self._plan_channels: dict[int, tuple[str, int, SignalMessage]] = {}
         decoded: dict[int, _Decoded] = {}
@@ -287,7 +289,11 @@ class RunWriter:
         for number, (bus, codec) in enumerate(codecs.items()):
             about = {"bus": bus, dbc_files.METADATA: dbc_names[bus]}
             self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, about))
-            for message in _messages(bus, codec):
+            package = f"platoon.{bus.rstrip('0123456789')}"
+            form = package, id(codec.database)
+            if form not in described:
+                described[form] = [signal_message(package, codec, name) for name in codec.names]
+            for message in described[form]:
                 place = places.setdefault((message.schema_name, message.schema), len(messages))
                 if place == len(messages):
                     messages.append(message)
@@ -363,11 +369,13 @@ class RunWriter:
         """Write the transforms when every vehicle's pose of this time is known."""
         if self._pose_columns is None:
             return
-        x, y, psi, phi = (float(values[column]) for column in self._pose_columns)
-        self._poses[vehicle] = (time_ns, (x, y, psi, phi))
-        now = [pose for at, pose in self._poses.values() if at == time_ns]
-        if len(now) < self._vehicles:
+        x, y, psi, phi = self._pose_columns
+        self._poses[vehicle] = time_ns, (float(values[x]), float(values[y]), float(values[psi]), float(values[phi]))
+        if len(self._poses) < self._vehicles:
             return
+        for at, _ in self._poses.values():
+            if at != time_ns:
+                return
         if not self._scene_written:
             self._scene_written = True
             self._other(self._scene_channel, time_ns, foxglove.scene(time_ns, self._vehicles, self._lanes))
@@ -475,12 +483,6 @@ class _DecodedTable:
         found = np.minimum(np.searchsorted(self._keys, keys), len(self._keys) - 1)
         good = (self._keys[found] == keys) & (frames["length"] == self._length[found]) & (frames["refused"] == 0)
         return np.where(good, found, -1)
-
-
-def _messages(bus: str, codec: Codec) -> list[SignalMessage]:
-    """Return the log's form of all messages of a bus; `veh1` and `veh2` share their schemas as `veh`."""
-    package = f"platoon.{bus.rstrip('0123456789')}"
-    return [signal_message(package, codec, name) for name in codec.names]
 
 
 def _lanes(scenario: bytes) -> list[float]:

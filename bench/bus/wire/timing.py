@@ -371,12 +371,13 @@ class BusTimeline:
         new = self._waiting_frames(frames)
         table = np.concatenate([self._held, frames]) if self._waiting else frames
         waiting = self._waiting + new
+        row: cython.Py_ssize_t
         frame: _Frame
         for row, frame in enumerate(waiting):
             frame.row = row
         absent: list[int] = []
         if not self._realtime:
-            absent = self._send_cycles(new, frames["time"].tolist(), table)
+            absent = self._send_cycles(new, frames["time"].data, table)
         elif new:
             self._origin = self._origin or int(frames["receive"][0] - frames["time"][0])
             self._send_received(new, frames["receive"], table)
@@ -385,14 +386,17 @@ class BusTimeline:
         certain = table["wire"] > 0
         certain[absent] = True
         open_rows = np.flatnonzero(~certain)
-        self._held, self._waiting = table[open_rows], [waiting[row] for row in open_rows.tolist()]
+        self._held, self._waiting = table[open_rows], [waiting[at] for at in open_rows.tolist()]
         table = table[certain] if len(open_rows) else table
         if self._realtime:
             return table
-        missing = table["wire"] == 0
-        # Announcements of absent frames arrive from several processes in any order.
-        text = np.where(missing, np.ascontiguousarray(table["data"]).view(">u8")[:, 0], 0)
-        return table[np.lexsort((text, np.where(missing, _NEVER, table["wire"]), table["time"]))]
+        keys = [table["wire"], table["time"]]
+        if absent:
+            missing = table["wire"] == 0
+            # Announcements of absent frames arrive from several processes in any order.
+            text = np.where(missing, np.ascontiguousarray(table["data"]).view(">u8")[:, 0], 0)
+            keys = [text, np.where(missing, _NEVER, table["wire"]), table["time"]]
+        return table[np.lexsort(keys)]
 
     def _make_ports(self) -> None:
         ports: dict[str, _Port] = {bus: _Port(codec) for bus, codec in self._codecs.items()}
@@ -443,12 +447,13 @@ class BusTimeline:
         bits: cython.longlong[:] = frame_bits(table["can_id"], table["length"], table["data"]).data
         ranks: cython.longlong[:] = priority(table["can_id"]).data
         frames: list[_Frame] = []
+        ports: list[_Port] = self._ports
         row: cython.Py_ssize_t
         serial: cython.longlong = self._serial
         for row in range(len(table)):
-            port: _Port = self._ports[buses[row]]
+            port: _Port = ports[buses[row]]
             route: _Route | None = port.routes.get(identifiers[row])
-            frame: _Frame = _Frame()
+            frame: _Frame = _Frame.__new__(_Frame)
             frame.serial = serial + row
             frame.rank = ranks[row]
             frame.duration = _duration(bits[row], port)
@@ -461,7 +466,7 @@ class BusTimeline:
         self._serial += len(frames)
         return frames
 
-    def _send_cycles(self, frames: list[_Frame], times: Sequence[int], table: npt.NDArray[Any]) -> list[int]:
+    def _send_cycles(self, frames: list[_Frame], times: cython.longlong[:], table: npt.NDArray[Any]) -> list[int]:
         """Send complete cycles of lockstep; return the rows of frames never on the wire.
 
         Args:
