@@ -41,8 +41,7 @@ class ChunkGroups:
         """Yield the collected records as chunks, group by group, and empty the groups."""
         held, self._chunks, self.bytes = self._chunks, {}, 0
         for group in sorted(held):
-            for parts in held[group]:
-                yield _joined(parts)
+            yield from (_joined(parts) for parts in held[group] if parts)
 
 
 def _joined(parts: list[Records]) -> Records:

@@ -5,6 +5,7 @@ Records that differ only in their values are copied from a template, and their h
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import cython
@@ -57,7 +58,7 @@ class Records(NamedTuple):
     def by_group(self, group: npt.NDArray[np.int64]) -> Iterator[tuple[int, "Records"]]:
         """Yield each group with its records; the records are sorted by `group` (n,)."""
         starts = np.flatnonzero(np.diff(group, prepend=-1)).tolist()
-        for first, last in zip(starts, [*starts[1:], len(group)], strict=True):
+        for first, last in pairwise([*starts, len(group)]):
             at = int(self.offset[first])
             end = int(self.offset[last]) if last < len(group) else len(self.data)
             rows = slice(first, last)

@@ -1,8 +1,9 @@
 """The recorder: writes a run to one MCAP file, fast enough to run in the conductor's process.
 
-Frames and truth rows are buffered on arrival (under 1 us each) and encoded in batches, with numpy. Data is written, in
-the chunks of `bench.mcap.chunking`, when half a second old. A killed run loses at most that. With a `BusTimeline`,
-frames then get their times on the wire, and are logged in that order within their cycle.
+Frames and truth rows are buffered on arrival (under 1 us each); all that follows from them (times on the wire, signals,
+poses) is computed in batches, by compiled loops. Data is written, in the chunks of `bench.mcap.chunking`, when half a
+second old. A killed run loses at most that. With a `BusTimeline`, frames get their times on the wire, and are logged in
+that order within their cycle.
 
 Topics: `/can/<bus>` raw frames, `/signals/<bus>/<Message>` the decoded signals, `/truth/veh<i>`, `/tf`, `/scene`,
 `/plan/veh<i>`, `/events`, `/events/data`, `/processes/<name>`. log_time and publish_time are simulated time in ns; the
