@@ -224,6 +224,19 @@ class Inbox:
         return self._arrived.get(self.cycle, 0) == len(self._slots)
 
     @property
+    def awaited(self) -> Link | None:
+        """In virtual time, the link of the first bus that lacks a frame of `cycle`; None if any frame may matter."""
+        if self.realtime or not self.settled:
+            return None
+        bus: _Bus
+        slot: _Slot
+        for bus in self._buses:
+            for slot in bus.slots.values():
+                if self.cycle not in slot.waiting:
+                    return bus.link
+        return None
+
+    @property
     def excused(self) -> bool:
         """Whether the others have continued without this node in `cycle`, because it was dead or stopped.
 

@@ -122,6 +122,11 @@ class Conductor(ABC):
         """What has been refused so far on each bus that had any."""
         return self._refusals.totals
 
+    @property
+    def awaited(self) -> str | None:
+        """See `Listener`."""
+        return None
+
     @abstractmethod
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `Listener`."""

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import select
 import selectors
 import signal
 import time
@@ -16,6 +17,7 @@ from typing import Protocol
 from bench.bus.control_channel import Kind, ReportReader, Truth, read_note, read_truth
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import Link
+from bench.bus.node import LOOK_S
 from bench.bus.topic import Topic
 from bench.conductor.fork_server import NAME as _FORK_SERVER
 from bench.conductor.fork_server import Child, Setup
@@ -55,6 +57,10 @@ class Ended(RunFailed):
 
 class Listener(Protocol):
     """Receives frames, truth rows and output from a crew."""
+
+    @property
+    def awaited(self) -> str | None:
+        """The bus without whose frames the run does not go on; None if frames on any bus matter."""
 
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """Take frames received on a bus; return whether any of them was waited for, so that the run gets on."""
@@ -185,6 +191,7 @@ class ProcessCrew:
         self._inputs: dict[str, Sequence[Topic]] = {}
         self._links = links
         self._listening: list[Link] = []
+        self._pollers: dict[str, select.poll] = {}
         self._listener = listener
         self._interrupts = interrupts
         self._reader = ReportReader()
@@ -235,13 +242,22 @@ class ProcessCrew:
         for bus, link in self._links.items():
             self._register(link.fileno(), partial(self._take_frames, bus, link))
             self._listening.append(link)
+            self._pollers[bus] = select.poll()
+            self._pollers[bus].register(link.fileno(), select.POLLIN)
+            self._pollers[bus].register(self._interrupts.fileno(), select.POLLIN)
         self._await_ready(timeout_s, say)
 
     def attend(self, timeout_s: float) -> bool:
         """See `Crew`."""
         deadline = time.monotonic() + timeout_s
         while True:
-            heard = self._select(max(0.0, deadline - time.monotonic()))
+            left = max(0.0, deadline - time.monotonic())
+            bus = self._listener.awaited
+            if bus is not None:
+                # Woken by this bus only, everything that has come meanwhile is read together.
+                self._pollers[bus].poll(min(left, LOOK_S) * 1000)
+                left = 0.0
+            heard = self._select(left)
             self._check()
             if heard:
                 return True

@@ -2,10 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+import cython
+
 from bench.bus.absence import BENCH_ABSENT, read_absence
 from bench.bus.codec import Codec
-from bench.bus.e2e import COUNTER_MODULUS, check
+from bench.bus.e2e import COUNTER_MODULUS, is_whole
 from bench.bus.frame import BusFrame, CanFrame, RefusedFrame
+from bench.bus.layout import Layout
 from bench.bus.network import Transmission, transmissions
 from bench.bus.sync import BENCH_SYNC
 from bench.bus.topic import Topic
@@ -13,6 +16,8 @@ from bench.conductor.refusals import Refusals
 from bench.events import Refusal
 from bench.faults.plan import FaultPlan
 from bench.names import CONDUCTOR
+
+_new = tuple.__new__
 
 Due = Mapping[str, Mapping[int, Transmission]]
 """The periodic frames of a run, by bus and identifier."""
@@ -50,10 +55,9 @@ class CycleFrames:
         self._refusals = refusals or Refusals(codecs)
         self._sync_id = {bus: codecs[bus].can_id(BENCH_SYNC) for bus in due}
         self._absent_id = {bus: codecs[bus].can_id(BENCH_ABSENT) for bus in due}
-        self._data_ids = {
-            (bus, can_id): codecs[bus].data_id(each.message)
+        self._layouts = {
+            bus: {can_id: codecs[bus].layout(each.message) for can_id, each in every.items()}
             for bus, every in due.items()
-            for can_id, each in every.items()
         }
         self._missing: dict[str, dict[int, Transmission]] = {}
         self._extra: dict[tuple[str, int], int] = {}
@@ -96,31 +100,39 @@ class CycleFrames:
         """Whether all due frames have arrived."""
         return self._count == 0
 
+    @property
+    def awaited(self) -> str | None:
+        """The last of the buses on which frames are missing; None if none are."""
+        return next((bus for bus in reversed(self._missing) if self._missing[bus]), None)
+
     def take(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """Take frames received on `bus`; return whether the cycle waited for any of them.
 
         Of several valid frames the first is the due one.
         """
-        missing, kept, taken = self._missing[bus], self.frames[bus], len(self.due)
-        counter, waited = self._counter, False
+        missing, kept, layouts, taken = self._missing[bus], self.frames[bus], self._layouts[bus], len(self.due)
+        waited = False
         for frame in frames:
             can_id, data = frame
-            due = missing.get(can_id)
-            if (
-                due is not None
-                and len(data) == due.length
-                and (not due.protected or (data[1] & 0x0F == counter and check(data, self._data_ids[bus, can_id])))
-            ):
+            is_missing = can_id in missing
+            if is_missing and self._is_due(layouts[can_id], data):
                 self.spoiled.discard((bus, can_id))
                 del missing[can_id]
                 self._count -= 1
-                self.due.append(BusFrame(bus, can_id, data))
-                kept.append(self.due[-1])
+                due = _new(BusFrame, (bus, can_id, data))
+                self.due.append(due)
+                kept.append(due)
             else:
-                waited |= self._take_other(bus, frame, due is not None)
+                waited |= self._take_other(bus, frame, is_missing)
         return waited or len(self.due) > taken
 
-    def _take_other(self, bus: str, frame: CanFrame, is_missing: bool) -> bool:
+    def _is_due(self, layout: Layout, data: bytes) -> cython.bint:
+        """Return whether this is the whole frame of the cycle."""
+        if len(data) != layout.length:
+            return False
+        return not layout.data_id or (data[1] & 0x0F == self._counter and is_whole(data, layout.crc_of_id))
+
+    def _take_other(self, bus: str, frame: CanFrame, is_missing: cython.bint) -> cython.bint:
         """Take a frame that is not the due one; return whether the cycle waited for it."""
         can_id, data = frame
         why = self._refusals.flaw(bus, can_id, data)
@@ -136,7 +148,7 @@ class CycleFrames:
             self.frames[bus].append(RefusedFrame(bus, can_id, data))
         return False
 
-    def _waits_for(self, bus: str, can_id: int, data: bytes) -> bool:
+    def _waits_for(self, bus: str, can_id: cython.longlong, data: bytes) -> cython.bint:
         """Return whether the cycle waits for this frame that no DBC file makes due, and take it."""
         if can_id == self._absent_id[bus]:
             absence = read_absence(self._codecs[bus].layout(BENCH_ABSENT), data)

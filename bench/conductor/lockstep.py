@@ -83,6 +83,11 @@ class Lockstep(Conductor):
         # The cycle after the newest one that has begun.
         self._sync(BenchCommand.STOP, self._frames.number + 1)
 
+    @property
+    def awaited(self) -> str | None:
+        """See `Listener`."""
+        return self._frames.awaited
+
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `Listener`."""
         if self._frames.number < 0:

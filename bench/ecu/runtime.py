@@ -122,6 +122,11 @@ class EcuNode:
         inbox = self._inbox
         return inbox.opened_at + REST_S if inbox.realtime and inbox.cycle > inbox.opened else 0.0
 
+    @property
+    def awaited(self) -> Link | None:
+        """See `bench.bus.node.Node`."""
+        return self._inbox.awaited
+
     def poll(self) -> bool:
         """Receive frames, step for each completed cycle, and return whether anything had arrived.
 

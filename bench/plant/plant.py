@@ -111,6 +111,11 @@ class VehicleNode:
         """Whether the conductor has stopped this vehicle."""
         return self._inbox.stopped
 
+    @property
+    def awaited(self) -> Link | None:
+        """See `bench.bus.node.Node`."""
+        return self._inbox.awaited
+
     def poll(self) -> bool:
         """Take the arrived frames; publish if they open a cycle, step if they complete one; whether there were any.
 

@@ -126,6 +126,11 @@ class Rerun:
         """
         return self._realtime() if self._log.realtime else self._lockstep()
 
+    @property
+    def awaited(self) -> str | None:
+        """See `bench.conductor.crew.Listener`; links in this process are not waited on."""
+        return None
+
     def frames(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """See `bench.conductor.crew.Listener`."""
         self._sent += [BusFrame(bus, *frame) for frame in frames]

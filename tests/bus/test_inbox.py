@@ -135,6 +135,27 @@ def test_a_cycle_is_complete_with_every_bench_sync_and_every_input() -> None:
     assert rig.drained().complete
 
 
+def test_in_virtual_time_a_node_awaits_the_first_of_its_buses_that_lacks_a_frame() -> None:
+    rig = Rig(MOTION, PEER)
+    near = {bus.link.name: bus.link for bus in rig.inbox._buses}
+    assert rig.drained().awaited is None, "it does not know yet which cycle is next"
+    rig.sync(0)
+    assert rig.drained().awaited is near["veh1"]
+    rig.motion(0)
+    assert rig.drained().complete, "in the first cycle there is no peer's frame of the one before"
+    assert rig.inbox.awaited is None
+    rig.inbox.take()
+    rig.sync(1, "veh1")
+    rig.motion(1)
+    assert rig.drained().awaited is near["v2v"]
+
+
+def test_in_real_time_frames_on_any_bus_matter() -> None:
+    rig = Rig()
+    rig.sync(0, command=BenchCommand.RUN_REALTIME)
+    assert rig.drained().awaited is None
+
+
 def test_a_bench_sync_twice_counts_once_and_is_an_error() -> None:
     rig = Rig()
     rig.sync(0, "veh1", "veh1")

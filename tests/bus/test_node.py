@@ -45,6 +45,7 @@ class CountingNode:
         self.links = (link,)
         self.wake_at: float | None = None
         self.rest_until = 0.0
+        self.awaited: PipeLink | None = None
         self.opened = -1
         self.left = polls
         self.opens = True
@@ -131,3 +132,21 @@ def test_the_end_of_the_lifeline_ends_the_loop(link: PipeLink) -> None:
     serve([node], lifeline)
     os.close(lifeline)
     assert node.heard == []
+
+
+def test_frames_on_other_links_do_not_wake_a_node_that_awaits_one(link: PipeLink) -> None:
+    """They are read with the frame that does, or after a while, so that their queue has room."""
+    with PipeLink() as other:
+        first = CountingNode(link, 1)
+        second = CountingNode(other, 1)
+        first.awaited = link
+        second.opened = 5
+        other.wake()
+        link.wake()
+        serve([first, second])
+        assert (first.heard, second.heard) == ([True], [True])
+        again = CountingNode(other, 1)
+        again.awaited = link
+        other.wake()
+        serve([again])
+        assert again.heard == [True]

@@ -55,6 +55,16 @@ def test_due_is_what_the_dbc_says_of_the_vehicles_that_are_there() -> None:
     assert set(CODECS["veh1"].names) - {due.message for due in DUE["veh1"].values()} == {"BenchSync", "BenchAbsent"}
 
 
+def test_the_last_bus_that_lacks_a_frame_is_awaited(frames: CycleFrames) -> None:
+    assert frames.awaited == "veh2"
+    for due in list(DUE["veh2"].values()):
+        frames.give_up("veh2", due.can_id)
+    assert frames.awaited == "veh1"
+    for due in frames.missing():
+        frames.give_up(due.bus, due.can_id)
+    assert frames.awaited is None
+
+
 def test_a_cycle_is_complete_with_its_last_frame(frames: CycleFrames) -> None:
     messages = of("plant", "veh1.planner", "veh2.planner", "veh1.tracker", "veh2.tracker")
     for message in messages:

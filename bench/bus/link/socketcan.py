@@ -9,7 +9,6 @@ from collections.abc import Collection
 from can.interfaces.socketcan import SocketcanBus
 
 from bench.bus.frame import CanFrame
-from bench.bus.link.base import LinkError
 from bench.bus.link.kernel_links import check_links
 from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
@@ -42,14 +41,12 @@ class SocketcanLink(SocketLink):
         # Without this, the kernel keeps CAN FD frames to itself, and nobody would know of them.
         self._socket.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
 
-    def send(self, can_id: int, data: bytes) -> None:
-        """See `Link`."""
-        try:
-            self._socket.send(_FRAME.pack(can_id, len(data), data))
-        except OSError as error:
-            mend = f"try: sudo ip link set {self._channel} txqueuelen 1000"
-            reason = f"{error.strerror}; {mend}" if error.errno == errno.ENOBUFS else error.strerror
-            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {reason}") from error
+    def _packed(self, can_id: int, data: bytes) -> bytes:
+        return _FRAME.pack(can_id, len(data), data)
+
+    def _mend(self, error: OSError) -> str:
+        mend = f"try: sudo ip link set {self._channel} txqueuelen 1000"
+        return f"{error.strerror}; {mend}" if error.errno == errno.ENOBUFS else str(error.strerror)
 
     def select(self, can_ids: Collection[int]) -> None:
         """See `Link`; the kernel filters the frames."""

@@ -9,22 +9,21 @@ import os
 import socket
 import struct
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Protocol
 
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import MOST_FRAMES, Link, LinkError
+from bench.bus.link.datagrams import BATCH, Datagrams
 from bench.errors import BadInput
 
 RECEIVE_BUFFER_BYTES = 8 * 1024 * 1024
 """The default buffer holds about 256 frames; further frames are dropped."""
 
-_DATAGRAM_BYTES = 1024
 _SO_RCVBUFFORCE = 33
 _SO_MEMINFO = 55
 _SO_TIMESTAMPNS = 35
 """The old option number, which on 64-bit systems gives the same result as the new one."""
-_TIMESPEC = struct.Struct("=qq")
-_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8
 
@@ -42,8 +41,8 @@ class Opened(Protocol):
 class SocketLink(Link):
     """A link over the socket of a bus, which it takes over and closes."""
 
-    def __init__(self, name: str, bus: Opened) -> None:
-        """Take over `bus`.
+    def __init__(self, name: str, bus: Opened, destination: tuple[str, int] | None = None) -> None:
+        """Take over `bus`; its datagrams go to the address and port `destination` if it needs one.
 
         Raises:
             BadInput: the kernel does not report the number of dropped frames.
@@ -51,6 +50,7 @@ class SocketLink(Link):
         super().__init__(name)
         self._bus = bus
         self._socket = socket.socket(fileno=os.dup(bus.fileno()))
+        self._datagrams = Datagrams(self._socket, destination)
         _raise_receive_buffer(self._socket)
         try:
             self.frames_lost()
@@ -64,39 +64,49 @@ class SocketLink(Link):
     def _parse(self, datagram: bytes) -> CanFrame | None:
         """Return the frame in a datagram; None if sent by this link, or if ignored (and counted)."""
 
+    @abstractmethod
+    def _packed(self, can_id: int, data: bytes) -> bytes:
+        """Return the datagram of a frame."""
+
+    def _mend(self, error: OSError) -> str:
+        """Return why a frame cannot be sent, and what helps."""
+        return str(error)
+
+    def send(self, can_id: int, data: bytes | bytearray) -> None:
+        """See `Link`."""
+        self.send_all([CanFrame(can_id, bytes(data))])
+
+    def send_all(self, frames: Sequence[CanFrame]) -> None:
+        """See `Link`."""
+        try:
+            self._datagrams.send([self._packed(can_id, data) for can_id, data in frames])
+        except OSError as error:
+            can_id, _ = frames[self._datagrams.sent]
+            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {self._mend(error)}") from error
+
     def receive(self) -> list[CanFrame]:
         """See `Link`."""
         frames: list[CanFrame] = []
+        times = self.times
+        arrived: list[int] | None = None if times is None else []
+        if times is not None:
+            times.clear()
         try:
-            if self.times is None:
-                self._receive(frames)
-            else:
-                self.times.clear()
-                self._receive_timed(frames, self.times)
-        except BlockingIOError:
-            pass
+            for _ in range(MOST_FRAMES // BATCH):
+                datagrams = self._datagrams.receive(arrived)
+                for place, datagram in enumerate(datagrams):
+                    frame = self._parse(datagram)
+                    if frame is not None:
+                        frames.append(frame)
+                        if times is not None and arrived is not None:
+                            times.append(arrived[place])
+                if len(datagrams) < BATCH:
+                    break
+                if arrived is not None:
+                    arrived.clear()
         except OSError as error:
             raise LinkError(f"bus {self.name}: no frames can be received: {error.strerror}") from error
         return frames
-
-    def _receive(self, frames: list[CanFrame]) -> None:
-        """Append the frames that have arrived to `frames`, until `BlockingIOError` when there are no more."""
-        receive, parse = self._socket.recv, self._parse
-        for _ in range(MOST_FRAMES):
-            frame = parse(receive(_DATAGRAM_BYTES, socket.MSG_DONTWAIT))
-            if frame is not None:
-                frames.append(frame)
-
-    def _receive_timed(self, frames: list[CanFrame], times: list[int]) -> None:
-        """The same, with the time at which the kernel received each."""
-        receive, parse = self._socket.recvmsg, self._parse
-        for _ in range(MOST_FRAMES):
-            datagram, ancillary, _, _ = receive(_DATAGRAM_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
-            frame = parse(datagram)
-            if frame is not None:
-                seconds, nanoseconds = _TIMESPEC.unpack(ancillary[-1][2])
-                frames.append(frame)
-                times.append(seconds * 1_000_000_000 + nanoseconds)
 
     def keep_times(self) -> None:
         """See `Link`."""

@@ -13,7 +13,7 @@ from typing import Any
 from can.interfaces.udp_multicast import UdpMulticastBus
 
 from bench.bus.frame import CanFrame
-from bench.bus.link.base import EXTENDED, LinkError
+from bench.bus.link.base import EXTENDED
 from bench.bus.link.multicast import MulticastSocket
 from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
@@ -69,21 +69,13 @@ class UdpLink(SocketLink):
             BadInput: it cannot be opened; the message gives the reason and the remedy.
         """
         self._pack, self._unpack = _msgpack()
-        self._destination = (GROUP, port)
-        super().__init__(name, MulticastSocket(name, GROUP, port, device))
+        super().__init__(name, MulticastSocket(name, GROUP, port, device), (GROUP, port))
         # Frames to a group come back to their sender; this mark in python-can's `channel` identifies them.
         self._mark = f"{name}/{os.urandom(8).hex()}"
         self._mark_bytes = self._mark.encode()
         self._selected: frozenset[bytes] | None = None
         self._around: dict[tuple[int, int], tuple[bytes, bytes]] = {}
         self._known: dict[bytes, int | None] = {}
-
-    def send(self, can_id: int, data: bytes) -> None:
-        """See `Link`."""
-        try:
-            self._socket.sendto(self._packed(can_id, data), self._destination)
-        except OSError as error:
-            raise LinkError(f"bus {self.name}: frame 0x{can_id:03X} cannot be sent: {error}") from error
 
     def _packed(self, can_id: int, data: bytes) -> bytes:
         """Return a message as packed by python-can's `pack_message`, which takes three times as long.
