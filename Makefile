@@ -28,8 +28,10 @@ ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tra
 .PHONY: setup run check test coverage mutation nightly lint lint-c lint-js docs dist bench references clean
 .DELETE_ON_ERROR:
 
+# Both are quick where nothing has changed; Python does not keep bytecode itself if PYTHONDONTWRITEBYTECODE is set.
 setup: $(WARM)
 	@$(BIN)/python -m bench.compiled.build
+	@$(BIN)/python -m compileall -q bench platoon_fmu
 
 run: setup
 	$(BIN)/platoon run $(SCENARIO) $(ARGS)

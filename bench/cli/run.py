@@ -100,10 +100,12 @@ def run(
     address = Address.parse(*(can or loaded.bus_texts))
     ecus = _ecu_classes(ecu or [])
     log = _log_path(out, loaded.name, with_report=not no_report)
-    fmu = _prepared_fmu()
+    use_machine_code()
 
     with ExitStack() as stack:
+        # First, so that no ECU's process has what the plant needs.
         server = None if address.hub is not None else stack.enter_context(_fork_server(loaded, ecus))
+        fmu = _prepared_fmu()
         session = (
             stack.enter_context(_live(log, live_address, live_origin or []))
             if live or live_address or live_origin
@@ -305,14 +307,13 @@ def _fork_server(scenario: "Scenario", ecus: Mapping[str, str]) -> "ForkServer":
 
 
 def _prepared_fmu() -> Path:
-    """Return the vehicle's FMU; what is not built or compiled yet is, once.
+    """Return the vehicle's FMU; an installed package builds it and compiles the controllers here, once.
 
     Raises:
-        BadInput: there is no FMU, and it cannot be built, or the bench cannot be compiled.
+        BadInput: there is no FMU, and it cannot be built.
     """
     from platoon_fmu.build import in_checkout
 
-    use_machine_code()
     fmu = vehicle_fmu()
     if not in_checkout():
         from bench.cli.warm_up import warm_up_once

@@ -1,16 +1,20 @@
-"""A run at the terminal: its progress, then its metrics."""
+"""A run at the terminal: its progress, then its metrics.
 
+rich is imported where it draws: without a terminal, a run starts before that.
+"""
+
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
+import typer
 
 from bench.cli.output import message, one_line
-from bench.cli.terminal import Terminal, progress
 
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
+    from rich.table import Table
+
     from bench.analysis.metrics import Metrics
     from bench.analysis.timing import Timing
 
@@ -34,10 +38,13 @@ class Following(NamedTuple):
 @contextmanager
 def following(name: str, duration_s: float) -> Iterator[Following]:
     """Show the progress of a run on standard error."""
-    console = Terminal(stderr=True)
-    if not console.is_terminal:
-        yield Following(_plain(console, name, duration_s), _once(console))
+    if not sys.stderr.isatty():
+        yield Following(_plain(name, duration_s), _once())
         return
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+    from bench.cli.terminal import progress
+
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -53,19 +60,19 @@ def following(name: str, duration_s: float) -> Iterator[Following]:
         )
 
 
-def _once(console: Terminal) -> Callable[[str], None]:
+def _once() -> Callable[[str], None]:
     told = False
 
     def tell(text: str) -> None:
         nonlocal told
         if not told:
             told = True
-            console.print(message(text), soft_wrap=True)
+            typer.echo(message(text), err=True)
 
     return tell
 
 
-def _plain(console: Terminal, name: str, duration_s: float) -> Callable[[float], None]:
+def _plain(name: str, duration_s: float) -> Callable[[float], None]:
     told = 0
 
     def tell(time_s: float) -> None:
@@ -73,13 +80,15 @@ def _plain(console: Terminal, name: str, duration_s: float) -> Callable[[float],
         step = int(PLAIN_STEPS * time_s / duration_s + 1e-9)
         if step > told:
             told = step
-            console.print(f"{name}: {min(time_s, duration_s):.1f} of {duration_s:g} s simulated")
+            typer.echo(f"{name}: {min(time_s, duration_s):.1f} of {duration_s:g} s simulated", err=True)
 
     return tell
 
 
 def show_metrics(metrics: "Metrics", label: str = "") -> None:
     """Print the metrics of a run on standard output, under its label if it has one."""
+    from bench.cli.terminal import Terminal
+
     console = Terminal()
     if label:
         console.print(label)
@@ -93,6 +102,10 @@ def show_metrics(metrics: "Metrics", label: str = "") -> None:
 
 def show_timing(times: "Timing", scheduling: str) -> None:
     """Print a real-time run's timing on standard output, and the scheduling that the kernel granted."""
+    from rich.table import Table
+
+    from bench.cli.terminal import Terminal
+
     table = Table(title=f"real time: {100 * times.miss_rate:.3f} % of the ECUs' deadlines missed", title_justify="left")
     table.add_column("node")
     for heading in ("response p50\nms", "p99\nms", "largest\nms", "jitter\nms", "missed", "longest\nin a row"):
@@ -106,7 +119,9 @@ def show_timing(times: "Timing", scheduling: str) -> None:
     console.print(f"BenchSync was at most {times.clock_late_ms.max():.2f} ms late. {scheduling}")
 
 
-def _overall(metrics: "Metrics") -> Table:
+def _overall(metrics: "Metrics") -> "Table":
+    from rich.table import Table
+
     from bench.analysis.requirements import count_text
     from bench.analysis.step_times import median_and_p99
 
@@ -136,7 +151,9 @@ def _overall(metrics: "Metrics") -> Table:
     return table
 
 
-def _vehicles(metrics: "Metrics") -> Table:
+def _vehicles(metrics: "Metrics") -> "Table":
+    from rich.table import Table
+
     from bench.analysis.step_times import NOT_SENT
 
     table = Table()

@@ -26,7 +26,7 @@ class VehicleFaults:
         changes: dict[str, float] = {}
         for index, fault in self._plan.at(cycle):
             changes |= fault.on_actuators(self._vehicle, asdict(self._last), self._memories[index])
-        self._last = replace(meant, **changes)
+        self._last = replace(meant, **changes) if changes else meant
         return self._last
 
     def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> dict[str, float]:

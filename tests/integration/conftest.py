@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from bench.conductor.fork_server import THREADS
+
 ROOT = Path(__file__).parents[2]
 ECUS = ROOT / "tests" / "ecus"
 SIMPLE = {"planner": f"{ECUS}/simple.py:CruisePlanner", "tracker": f"{ECUS}/simple.py:SpeedTracker"}
@@ -59,6 +61,7 @@ class Watched:
             text=True,
             start_new_session=True,
             env=os.environ
+            | THREADS
             | {_MARK: self._mark, "TMPDIR": str(self.temporary), "PYTHONPATH": os.pathsep.join(filter(None, paths))},
         )
 

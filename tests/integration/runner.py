@@ -5,10 +5,8 @@ import resource
 import sys
 from pathlib import Path
 
-import bench.conductor.run
 from bench.bus.link.address import Address
-from bench.conductor.options import RunOptions
-from bench.conductor.run import run
+from bench.conductor.fork_server_process import fork_server
 from bench.errors import BenchError
 from bench.scenario import load
 
@@ -17,12 +15,18 @@ def main() -> int:
     given = json.loads(sys.argv[1])
     if given["file_limit"]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (given["file_limit"], given["file_limit"]))
-    bench.conductor.run.READY_S = given["ready_s"]
     try:
-        result = run(
+        scenario, address = load("formation", given["set"]), Address.parse(given["can"])
+        server = None if address.hub is not None else fork_server(())
+        # As the command does: what the plant needs is imported after that.
+        from bench.conductor import run
+        from bench.conductor.options import RunOptions
+
+        run.READY_S = given["ready_s"]
+        result = run.run(
             RunOptions(
-                load("formation", given["set"]),
-                address=Address.parse(given["can"]),
+                scenario,
+                address=address,
                 out=Path(given["out"]),
                 command_line=sys.argv,
                 on_progress=lambda t: print(f"at {t:.2f}", flush=True),  # noqa: T201 - the tests wait for it
@@ -32,6 +36,7 @@ def main() -> int:
                 on_waiting=lambda line: print(line, flush=True),  # noqa: T201 - the tests wait for it,
                 silence_s=given["silence_s"],
                 realtime=given["realtime"],
+                fork_server=server,
             )
         )
     except BenchError as error:
