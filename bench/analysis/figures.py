@@ -282,7 +282,7 @@ class Figures:
     def _solvers(self) -> None:
         group = _SOLVERS
         timings = (
-            ("TrackerTiming", "SolveTime", "Tracker: solve time of the SDP"),
+            ("TrackerTiming", "SolveTime", "Tracker: solve time of the robust MPC"),
             ("TrackerTiming", "StepTime", "Tracker: time of the complete step"),
             ("PlannerTiming", "StepTime", "Planner: time of the complete step"),
         )
@@ -290,7 +290,7 @@ class Figures:
             curves = self._each(message, signal, f"{message}.{signal}", factor=1e-3, peak=True, points=True)
             self._add_sent(self._timing(f"{message}{signal}".lower(), title, group, curves, self._longest(message)))
         iterations = self._each("TrackerStatus", "Iterations", "iterations", peak=True, points=True)
-        self._add_sent(self._over_time("iterations", "Iterations of the SDP", group, "iterations", iterations))
+        self._add_sent(self._over_time("iterations", "Iterations of the solver", group, "iterations", iterations))
         tau = self._each("TrackerStatus", "Tau", "tau", peak=True)
         self._add_sent(self._over_time("tau", "Cost bound τ", group, "τ", tau))
 
@@ -324,7 +324,7 @@ class Figures:
         self._add(
             Figure(
                 "histogram",
-                "Distribution of the SDP's solve time",
+                "Distribution of the robust MPC's solve time",
                 group,
                 "time [ms]",
                 "solves",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -53,7 +54,10 @@ class Metrics:
             many ms as the third item says, which is the DBC's cycle time of the message.
         tracker_ms: the same for the tracker's complete step.
         planner_ms: the same for the planner's complete step.
-        fallback_steps: cycles in which a tracker ran but its gain did not come from the SDP of that cycle.
+        riccati_steps: cycles, over all vehicles, whose feedback gain came from the Riccati equation; None if no tracker
+            reported a solve.
+        sdp_steps: the same for the semidefinite program, which is solved where the Riccati equation has no answer.
+        fallback_steps: cycles in which a tracker ran but its gain is not the certified one of that cycle.
         frames_lost: number of frames dropped by receive queues; None if none is known of, but an ECU did not report.
         e2e_errors: number of frames rejected by E2E protection; None likewise.
         warnings: the warnings and errors among the events, without the faults that were asked for.
@@ -78,6 +82,8 @@ class Metrics:
     solver_ms: dict[str, float] | None
     tracker_ms: dict[str, float] | None
     planner_ms: dict[str, float] | None
+    riccati_steps: int | None
+    sdp_steps: int | None
     fallback_steps: int | None
     frames_lost: int | None
     e2e_errors: int | None
@@ -102,6 +108,7 @@ def compute(run: Run) -> Metrics:
     formed_at = formation_time(truth, goal.lane_y_m, goal.speed_mps, goal.gap_m)
     distances = truth.distances()
     duration = _duration(run, truth)
+    sources = gain_sources(run)
     wall_s = _number(run.result.get("wall_s"))
     return Metrics(
         scenario=scenario.name,
@@ -121,7 +128,11 @@ def compute(run: Run) -> Metrics:
         solver_ms=step_times_ms(run, "TrackerTiming", "SolveTime") or None,
         tracker_ms=step_times_ms(run, "TrackerTiming", "StepTime") or None,
         planner_ms=step_times_ms(run, "PlannerTiming", "StepTime") or None,
-        fallback_steps=fallback_steps(run),
+        riccati_steps=None if sources is None else sources[GainSource.RICCATI],
+        sdp_steps=None if sources is None else sources[GainSource.SDP],
+        fallback_steps=None
+        if sources is None
+        else sources.total() - sources[GainSource.RICCATI] - sources[GainSource.SDP],
         frames_lost=_reported(run, "FramesLost", "frames_lost"),
         e2e_errors=_reported(run, "E2EErrors", "e2e_errors"),
         warnings=warnings_of(run.events),
@@ -148,21 +159,21 @@ def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> fl
     return float(truth.t[first]) if first < len(truth.t) else None
 
 
-def fallback_steps(run: Run) -> int | None:
-    """Return the number of cycles, over all vehicles, in which a running tracker did not use that cycle's SDP gain.
+def gain_sources(run: Run) -> Counter[int] | None:
+    """Return the number of cycles in which a running tracker's gain came from each `GainSource`, over all vehicles.
 
     None if no tracker has reported how a solve ended, though at least one has left its initial state.
     """
-    total, solved, begun = 0, False, False
+    found: Counter[int] = Counter()
+    begun = False
     for vehicle in range(1, run.vehicles + 1):
         bus = f"veh{vehicle}"
         if run.has(bus, "TrackerStatus"):
             status = run.message(bus, "TrackerStatus")
             ran = status["SolverStatus"] != SolverStatus.NOT_RUN
-            total += int((ran & (status["GainSource"] != GainSource.SDP)).sum())
-            solved |= bool(ran.any())
+            found.update(status["GainSource"][ran].astype(int).tolist())
             begun |= bool((status["State"] != EcuState.INIT).any())
-    return total if solved or not begun else None
+    return found if found or not begun else None
 
 
 def _each(values: Array) -> list[tuple[int, Array]]:

@@ -66,6 +66,8 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         ),
         Row("Speed error, RMS", _list(metrics.speed_rmse_mps, 4, "m/s")),
         Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
+        Row("Steps solved by the Riccati equation", count_text(metrics.riccati_steps)),
+        Row("Steps solved by the SDP", count_text(metrics.sdp_steps)),
         Row("Steps with a fallback gain", count_text(metrics.fallback_steps)),
         _none("Frames lost", metrics.frames_lost),
         _none("E2E errors", metrics.e2e_errors),

@@ -28,6 +28,8 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Solver, median / p99": (lambda m: _times(m.solver_ms), 2, "ms"),
     "Tracker step, median / p99": (lambda m: _times(m.tracker_ms), 2, "ms"),
     "Planner step, median / p99": (lambda m: _times(m.planner_ms), 2, "ms"),
+    "Steps solved by the Riccati equation": (lambda m: m.riccati_steps, 0, ""),
+    "Steps solved by the SDP": (lambda m: m.sdp_steps, 0, ""),
     "Steps with a fallback gain": (lambda m: m.fallback_steps, 0, ""),
     "Frames lost": (lambda m: m.frames_lost, 0, ""),
     "E2E errors": (lambda m: m.e2e_errors, 0, ""),

@@ -131,6 +131,7 @@ def _overall(metrics: "Metrics") -> "Table":
         ("least distance", _figure(metrics.least_distance_m, "{:.2f} m")),
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
+        ("steps solved by Riccati / SDP", f"{count_text(metrics.riccati_steps)} / {count_text(metrics.sdp_steps)}"),
         ("fallback steps", count_text(metrics.fallback_steps)),
         ("frames lost", count_text(metrics.frames_lost)),
         ("E2E errors", count_text(metrics.e2e_errors)),

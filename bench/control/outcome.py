@@ -29,9 +29,18 @@ class SolverStatus(enum.IntEnum):
 
 
 class GainSource(enum.IntEnum):
-    """Where the feedback of a step came from; the values are those of the bus signal `GainSource`."""
+    """Where the feedback of a step came from; the values are those of the bus signal `GainSource`.
+
+    `SDP` is the semidefinite program of this step, `RICCATI` its optimum from the Riccati equation.
+    """
 
     SDP = 0
     PREVIOUS_GAIN = 1
     LQR = 2
     NONE = 3
+    RICCATI = 4
+
+    @property
+    def is_certified(self) -> bool:
+        """Whether the gain is the certified one of its step; otherwise it is a fallback."""
+        return self in (GainSource.SDP, GainSource.RICCATI)

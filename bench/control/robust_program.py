@@ -13,14 +13,12 @@ lambda_f != lambda_r.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.control.compiled import njit
-from bench.control.outcome import GainSource, SolverStatus
+from bench.control.outcome import GainSource
+from bench.control.program import Answer
 from bench.control.semidefinite import Entry, SemidefiniteProgram
 from bench.control.vehicle_model import LinearModel
 
@@ -34,63 +32,6 @@ _COST_UNIT = 300.0
 _UNCERTAINTY, _DECREASE, _START, _FIRST_BOUND = 2, 3, 4, 5
 """Indices of the blocks; blocks 0 and 1, of the stage cost, never change."""
 _TRIANGLE = tuple((i, j) for j in range(N) for i in range(j + 1))
-
-
-@dataclass(frozen=True)
-class Answer:
-    """The solver's result, uncertified, in scaled units.
-
-    Attributes:
-        P: (3, 3) ellipsoid `chi' P^-1 chi <= 1`.
-        Y: (m, 3), `K P`.
-        tau: cost of the deviation.
-        status: outcome of the solver.
-        iterations: of the solver.
-    """
-
-    P: Matrix
-    Y: Matrix
-    tau: float
-    status: SolverStatus
-    iterations: int
-
-
-class Program(Protocol):
-    """What finds the gain of one step, in scaled units; `RobustController` certifies it before use."""
-
-    source: GainSource
-    """What the bus reports as the source of its gains."""
-
-    def solve(self, model: LinearModel, z: Vector, room: Vector) -> Answer:
-        """Solve for one step.
-
-        Args:
-            model: model with m inputs, in scaled units.
-            z: (3,) deviation in scaled units, of length one.
-            room: (m,) room u_j of each input in scaled units.
-        """
-        ...
-
-
-def programs(
-    m: int, input_weight: float, *, independent: bool, tolerance: float, max_iterations: int
-) -> tuple[Program, ...]:
-    """Return the bench's own programs in the order in which they are tried; arguments as of `RobustProgram`.
-
-    Near the target the input bounds are inactive. So the program is first solved without them, in two thirds of the
-    time: a result that satisfies them is also the optimum with them. Otherwise it is solved again with the bounds.
-    """
-    return tuple(
-        RobustProgram(
-            m,
-            input_weight,
-            independent=independent,
-            bounded=bounded,
-            tolerance=tolerance,
-            max_iterations=max_iterations,
-        )
-        for bounded in (False, True)
-    )
 
 
 class RobustProgram:
@@ -164,33 +105,15 @@ class RobustProgram:
             program.set_coefficients(positions, scale / bound)
 
 
-@njit(cache=True)
 def _numbers(A: Matrix, B: Matrix, H: Matrix, N1: Matrix, N2: Matrix, pairs: NDArray[np.intp]) -> Vector:
     """Return a model's coefficients: of the step, of the uncertainty, and of E in `-H E H'` for its `pairs`."""
-    inputs = B.shape[1]
-    numbers = np.empty(2 * N * N * (N + inputs) + len(_TRIANGLE) * len(pairs))
-    place = 0
     # H and N can be scaled against each other; with columns and rows of equal length, E is near one.
-    balance = np.empty(N)
-    for k in range(N):
-        row = np.sqrt((N1[k] ** 2).sum() + (N2[k] ** 2).sum())
-        balance[k] = np.sqrt(max(row, 1e-12) / max(np.sqrt((H[:, k] ** 2).sum()), 1e-12))
-    share = balance.reshape(N, 1)
-    H = H * balance
-    for on_P, on_Y in ((A, B), (N1 / share, N2 / share)):
-        for matrix in (on_P, on_Y):
-            for row in matrix:
-                for _ in range(N):
-                    numbers[place : place + row.size] = row
-                    place += row.size
-    for i, j in _TRIANGLE:
-        for k, n in pairs:
-            mixed = H[i, k] * H[j, n]
-            if k != n:
-                mixed += H[i, n] * H[j, k]
-            numbers[place] = -mixed
-            place += 1
-    return numbers
+    row = np.sqrt((N1**2).sum(axis=1) + (N2**2).sum(axis=1))
+    share = np.sqrt(np.maximum(row, 1e-12) / np.maximum(np.sqrt((H**2).sum(axis=0)), 1e-12))
+    H = H * share
+    parts = [np.repeat(matrix, N, axis=0).ravel() for matrix in (A, B, N1 / share[:, None], N2 / share[:, None])]
+    mixed = (H[i, k] * H[j, n] + (H[i, n] * H[j, k] if k != n else 0.0) for i, j in _TRIANGLE for k, n in pairs)
+    return np.concatenate([*parts, -np.fromiter(mixed, dtype=np.float64)])
 
 
 class _Variables:

@@ -12,9 +12,10 @@ from bench.control.lqr import lqr_gain
 from bench.control.observer import DisturbanceObserver
 from bench.control.observer_gain import design_gain
 from bench.control.outcome import GainSource, SolverStatus
+from bench.control.program import Program
+from bench.control.programs import programs
 from bench.control.reference import reference_input
 from bench.control.rmpc import Gain, RobustController
-from bench.control.robust_program import Program, programs
 from bench.control.settings import TrackerSettings
 from bench.control.target import Target, steady_state_target
 from bench.control.vehicle_model import LinearModel, VehicleModel

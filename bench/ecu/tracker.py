@@ -16,7 +16,7 @@ from bench.bus.topic import Outgoing, Signals, Topic
 from bench.control.allocation import virtual_input
 from bench.control.brake_steering import BrakeSteering
 from bench.control.outcome import GainSource, SolverStatus
-from bench.control.robust_program import Program
+from bench.control.program import Program
 from bench.control.settings import TrackerSettings
 from bench.control.slow_down import slow_down
 from bench.control.tracker import Tracker, TrackerOutput, own_programs
@@ -206,7 +206,7 @@ class TrackerEcu:
         self._calm = 0 if self._disturbed >= DISTURBANCE_CYCLES else self._calm + 1
         if self._disturbed >= DISTURBANCE_CYCLES:
             return Cause.VEHICLE_FAULT
-        return Cause.NONE if out is None or out.source is GainSource.SDP else Cause.SOLVER_FALLBACK
+        return Cause.NONE if out is None or out.source.is_certified else Cause.SOLVER_FALLBACK
 
     @property
     def _sliding(self) -> bool:

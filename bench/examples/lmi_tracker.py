@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.outcome import GainSource, SolverStatus
-from bench.control.robust_program import Answer, Program
+from bench.control.program import Answer, Program
 from bench.control.settings import TrackerSettings
 from bench.control.vehicle_model import LinearModel
 from bench.ecu.tracker import TrackerEcu

@@ -160,11 +160,20 @@ def test_what_no_ecu_has_sent_is_none_and_neither_good_nor_bad(tmp_path):
     run = Run(write(tmp_path / "run.mcap", motions))
     figures = compute(run)
     told = json.loads(json.dumps(figures.as_dict()))
-    names = ("solver_ms", "tracker_ms", "planner_ms", "fallback_steps", "frames_lost", "e2e_errors")
-    assert [told[name] for name in names] == [None] * 6
+    names = (
+        "solver_ms",
+        "tracker_ms",
+        "planner_ms",
+        "riccati_steps",
+        "sdp_steps",
+        "fallback_steps",
+        "frames_lost",
+        "e2e_errors",
+    )
+    assert [told[name] for name in names] == [None] * 8
     assert told["speed_rmse_mps"] == [None]
     unsaid = [row for row in table(figures, run.scenario) if row.value == "not sent"]
-    assert len(unsaid) == 8
+    assert len(unsaid) == 10
     assert {row.met for row in unsaid} == {None}
 
 
@@ -198,15 +207,17 @@ def test_times_of_solvers_over_all_vehicles(run_of):
     assert figures.planner_ms["p50"] == pytest.approx(5.05)
 
 
-def test_fallbacks_are_steps_that_ran_without_the_gain_of_their_sdp(run_of):
+def test_steps_are_counted_by_the_source_of_their_gain(run_of):
     motions = Motions(2, 100)
     source, status = np.zeros(100), np.zeros(100)
     source[10:14] = [1, 2, 3, 1]
+    source[20:50] = 4
     # A tracker that did not solve at all, as before its first reference, is not in a fallback.
     source[0], status[0] = 3, 6
     motions.say(1, "TrackerStatus", GainSource=source, SolverStatus=status)
     motions.say(2, "TrackerStatus", GainSource=np.zeros(100), SolverStatus=np.zeros(100))
-    assert compute(run_of(motions)).fallback_steps == 4
+    figures = compute(run_of(motions))
+    assert (figures.riccati_steps, figures.sdp_steps, figures.fallback_steps) == (30, 165, 4)
 
 
 def test_lost_frames_and_refused_ones_are_summed_over_all_ecus(run_of):

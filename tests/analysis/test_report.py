@@ -177,10 +177,10 @@ SILENT = {
     "flockP21": "Velocity gains: p21 (solid), p22 (dashed)",
     "steering": "Steering angle command",
     "torque1": "Wheel torque commands, vehicle 1",
-    "trackertimingsolvetime": "Tracker: solve time of the SDP",
+    "trackertimingsolvetime": "Tracker: solve time of the robust MPC",
     "trackertimingsteptime": "Tracker: time of the complete step",
     "plannertimingsteptime": "Planner: time of the complete step",
-    "iterations": "Iterations of the SDP",
+    "iterations": "Iterations of the solver",
     "tau": "Cost bound τ",
 }
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.control.allocation import allocate
+from bench.control.programs import programs
 from bench.control.rmpc import Gain, RobustController
-from bench.control.robust_program import programs
+from bench.control.robust_program import RobustProgram
 from bench.control.vehicle_model import LinearModel, VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 
@@ -29,6 +30,12 @@ def controller(
 ) -> RobustController:
     tried = programs(3, weight, independent=independent, tolerance=tolerance, max_iterations=iterations)
     return RobustController(STATE, INPUT, weight, tried, independent=independent)
+
+
+def semidefinite_controller(tolerance: float = 1e-6, iterations: int = 40) -> RobustController:
+    """With the semidefinite program alone."""
+    program = RobustProgram(3, 1.0, independent=True, bounded=True, tolerance=tolerance, max_iterations=iterations)
+    return RobustController(STATE, INPUT, 1.0, [program], independent=True)
 
 
 @dataclass(frozen=True)

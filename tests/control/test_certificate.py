@@ -181,3 +181,10 @@ def test_mutants_are_refused_often_and_not_always() -> None:
         mutant = K + random.uniform(-1, 1, (3, 3)) * np.abs(K)
         accepted += certified_cost(mutant, P, 1.0, models, z, np.full(3, 1e6)) is not None
     assert 5 < accepted < 95
+
+
+def test_it_refuses_costs_beyond_all_numbers() -> None:
+    """A gain that no input acts on, at the origin: only its cost tells it."""
+    models = [(0.5 * np.eye(3), np.zeros((3, 3)))]
+    huge = np.full((3, 3), 1e150)
+    assert certified_cost(huge, np.eye(3), 1e10, models, np.zeros(3), np.zeros(3)) is None

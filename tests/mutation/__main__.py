@@ -25,14 +25,14 @@ FOUND = {"killed", "timeout", "segfault", "caught by type check"}
 def prepare(files: Sequence[str], tests: Sequence[str]) -> None:
     """Copy the project to where mutmut may change it.
 
-    mutmut leaves decorated functions alone, and compiled ones cannot be changed while they run: so without numba.
+    mutmut leaves decorated functions alone, so the decorators of the compiler are taken away.
     """
     shutil.rmtree(PLACE, ignore_errors=True)
     for name in COPIED:
         shutil.copytree(ROOT / name, PLACE / name, ignore=shutil.ignore_patterns("__pycache__"))
     for file in files:
         code = PLACE / file
-        code.write_text(re.sub(r"^@njit.*\n", "", code.read_text(), flags=re.MULTILINE))
+        code.write_text(re.sub(r"^@cython\..*\n", "", code.read_text(), flags=re.MULTILINE))
     settings = {
         "source_paths": ["bench", "platoon_fmu"],
         "also_copy": ["dbc"],

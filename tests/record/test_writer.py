@@ -73,7 +73,7 @@ def test_every_message_of_the_dbc_is_decoded_as_the_codec_decodes_it(recorded, m
 def test_states_are_enumerations_with_the_names_of_the_value_table(messages):
     message = next(m for topic, _, m in messages if topic == "/signals/veh1/TrackerStatus")
     names = {v.number: v.name for v in message.DESCRIPTOR.fields_by_name["GainSource"].enum_type.values}
-    assert names == {0: "SDP", 1: "PreviousGain", 2: "LQR", 3: "None"}
+    assert names == {0: "SDP", 1: "PreviousGain", 2: "LQR", 3: "None", 4: "Riccati"}
 
 
 def test_truth_is_exact_and_in_order(recorded, messages):

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.benchmarks.rmpc.problems import Problem, Problems
+from bench.control.program import Program
 from bench.control.rmpc import Gain, RobustController
-from bench.control.robust_program import Program, RobustProgram
+from bench.control.robust_program import RobustProgram
 from bench.control.settings import TrackerSettings
 from bench.control.tracker import own_programs
 from bench.examples.lmi_tracker import RobustMpc

@@ -22,7 +22,8 @@ from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.control.allocation import allocate
 from bench.control.outcome import SolverStatus
-from bench.control.robust_program import Answer, Program, RobustProgram
+from bench.control.program import Answer, Program
+from bench.control.robust_program import RobustProgram
 from bench.control.settings import TrackerSettings
 from bench.control.vehicle_model import LinearModel, VehicleModel
 from bench.cycle import CYCLE_S
