@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, solve_discrete_are
 
 Matrix = NDArray[np.float64]
 
@@ -13,6 +12,9 @@ def lqr_gain(A: Matrix, B: Matrix, Q: Matrix, R: Matrix) -> Matrix:
     Raises:
         ValueError: (A, B) cannot be stabilised.
     """
+    # Imported here: hardly any tracker needs it, and scipy takes 20 MB and a tenth of a second.
+    from scipy.linalg import LinAlgError, solve_discrete_are
+
     try:
         S = solve_discrete_are(A, B, Q, R)
     except LinAlgError as error:

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.allocation import VIRTUAL_INPUTS, allocate
+from bench.control.kept_gain import observer_gain
 from bench.control.lqr import lqr_gain
 from bench.control.observer import DisturbanceObserver
-from bench.control.observer_gain import design_gain
 from bench.control.outcome import GainSource, SolverStatus
 from bench.control.program import Program
 from bench.control.programs import programs
@@ -133,7 +133,7 @@ class Tracker:
             independent=settings.independent_axles,
         )
         straight = [self.model.linearise(np.array([v, 0.0, 0.0]), np.zeros(5)).A for v in self._OBSERVER_SPEEDS_MPS]
-        self._observer = DisturbanceObserver(design_gain(straight, step_s, settings.observer_rate), step_s)
+        self._observer = DisturbanceObserver(observer_gain(straight, step_s, settings.observer_rate), step_s)
         self._last: _Step | None = None
         self._u_last: Vector = np.zeros(3)
         self._u_ref_last: Vector = np.zeros(3)
