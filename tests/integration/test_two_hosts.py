@@ -110,7 +110,7 @@ def test_an_ecu_on_another_host_gives_the_same_frames(
     assert Run(tmp_path / "two.mcap").metadata["status"] == "completed"
     difference = diff(tmp_path / "two.mcap", tmp_path / "one.mcap")
     assert difference.same, str(difference)
-    assert difference.frames[0] > 3000
+    assert difference.frames[0] > 2500
 
 
 def test_frames_stay_on_a_host_that_names_no_device(
