@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.allocation import Allocation
-from bench.control.compiled import njit
 from bench.control.quadratic import minimise
 from bench.control.vehicle_model import VehicleModel, linearise, step
 
@@ -73,7 +72,6 @@ def reference_input(
     return ReferenceInput(u, residual, solved)
 
 
-@njit(cache=True)
 def _cost(
     numbers: Vector,
     allocation: Matrix,

@@ -147,7 +147,8 @@ class RiccatiProgram:
             cost = self._scan(z)
         if not cost > 0.0:
             self._started = False
-            return SolverStatus.INFEASIBLE
+            # That none of these multipliers proves a cost does not mean that there is none.
+            return SolverStatus.NUMERICAL_ERROR
         self._started = True
         while self.iterations < _ITERATIONS:
             self._differentiate(self._slope)

@@ -72,7 +72,8 @@ class Gain:
 class RobustController:
     """Finds the gain of one step and certifies it.
 
-    Several programs are tried in turn, the fastest first, until the certificate accepts a result.
+    Several programs are tried in turn, the fastest first, until the certificate accepts a result or
+    one finds that there is none.
 
     Args:
         state_scale: (3,) unit of each state in the program (m/s, m/s, rad/s).
@@ -135,7 +136,7 @@ class RobustController:
         for program in self._programs:
             answer = program.solve(scaled, z, room)
             K, tau, status = self._certify(answer, models, z, room)
-            if status is SolverStatus.SOLVED:
+            if status in (SolverStatus.SOLVED, SolverStatus.INFEASIBLE):
                 break
         gain: cython.double[:, ::1] = K
         for i in range(m):

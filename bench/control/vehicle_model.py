@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.control.compiled import njit
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]
@@ -23,7 +22,7 @@ STATES = 3
 INPUTS = 5
 
 NUMBERS = ("M", "I_z", "l_f", "l_r", "l_t", "Cf2", "Cr2", "C_a", "variation", "T")
-"""Order of the vehicle parameters in the vector for the compiled functions: Cf2 and Cr2 are for both tyres of an axle,
+"""Order of the vehicle parameters in the vector for the functions below: Cf2 and Cr2 are for both tyres of an axle,
 T is the sampling time. A vector, because passing a named tuple takes several times as long."""
 
 _T = NUMBERS.index("T")
@@ -69,7 +68,7 @@ class VehicleModel:
         step_s: sampling time T of the discrete model, s.
 
     Attributes:
-        numbers: (10,) vehicle parameters for the compiled `derivative`, `step` and `linearise`, see `NUMBERS`.
+        numbers: (10,) vehicle parameters for `derivative`, `step` and `linearise`, see `NUMBERS`.
     """
 
     def __init__(self, vehicle: VehicleParameters, step_s: float) -> None:
@@ -109,7 +108,6 @@ class VehicleModel:
         return gamma * (p.l_r - p.M * p.l_f * v_x**2 / ((p.l_f + p.l_r) * 2.0 * p.C_r))
 
 
-@njit(cache=True)
 def derivative(numbers: Vector, xi: Vector, U: Vector) -> Vector:
     """See `VehicleModel.derivative`; `numbers` are the model's."""
     M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, _, _ = numbers
@@ -123,14 +121,12 @@ def derivative(numbers: Vector, xi: Vector, U: Vector) -> Vector:
     return np.array([v_y * gamma + (F_X - C_a * v_x * v_x) / M, -v_x * gamma + F_Y / M, M_z / I_z])
 
 
-@njit(cache=True)
 def step(numbers: Vector, xi: Vector, U: Vector) -> Vector:
     """See `VehicleModel.step`; `numbers` are the model's."""
     moved: Vector = xi + numbers[_T] * derivative(numbers, xi, U)
     return moved
 
 
-@njit(cache=True)
 def linearise(numbers: Vector, xi: Vector, U: Vector) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
     """A, B, H, N1, N2 of `VehicleModel.linearise`; `numbers` are the model's."""
     M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, variation, T = numbers
