@@ -6,6 +6,7 @@ that it is made from, so only what has changed is compiled again.
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -100,9 +101,41 @@ def _cython_version() -> str:
 
 def _key(module: str) -> str:
     """Return a hash of all that a module's library is made from."""
-    facts = [SUFFIX, _cython_version(), *FLAGS, module, source_of(module).read_text(encoding="utf-8")]
-    facts += [file.read_text(encoding="utf-8") for file in declarations()]
+    facts = [SUFFIX, _cython_version(), *FLAGS, module]
+    facts += [file.read_text(encoding="utf-8") for file in (source_of(module), *_declarations_for(module))]
     return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
+
+
+def _declarations_for(module: str) -> list[Path]:
+    """Return the declarations of which a module's library is made: its own, and all that it cimports, in turn."""
+    files = {file.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."): file for file in declarations()}
+    found: dict[str, Path] = {}
+    waiting = [source_of(module)]
+    if module in files:
+        found[module] = files[module]
+        waiting.append(files[module])
+    while waiting:
+        for name in _cimported(waiting.pop().read_text(encoding="utf-8")):
+            # Of a package, or by a relative name: all that can be meant.
+            beneath = "" if name.startswith(".") else f"{name}.".lstrip(".")
+            new = {each for each in files if f"{each}.".startswith(beneath)} - set(found)
+            found.update({each: files[each] for each in new})
+            waiting += [files[each] for each in new]
+    return [found[name] for name in sorted(found)]
+
+
+_CIMPORTS = (
+    re.compile(r"\bcython\.cimports\b\.?([\w.]*)"),
+    re.compile(r"^\s*from\s+([\w.]+)\s+cimport\b", re.MULTILINE),
+    re.compile(r"^\s*cimport\s+([^\n#]+)", re.MULTILINE),
+)
+"""How a source or a file of declarations names the modules whose C declarations it uses."""
+
+
+def _cimported(text: str) -> set[str]:
+    """Return the names after each `cimport`: of modules, or of packages; an empty name for that of all."""
+    named = [name for form in _CIMPORTS for names in form.findall(text) for name in names.split(",")]
+    return {(name.split() or [""])[0] for name in named}
 
 
 def _collected(root: Path, libraries: dict[str, Path]) -> Path:

@@ -76,6 +76,56 @@ def test_only_what_has_changed_is_compiled_again(tmp_path, monkeypatch):
         finder.current_libraries.cache_clear()
 
 
+def keys(folder: Path) -> dict[str, str]:
+    code = "import bench.compiled.build as b; [print(name, b._key(name)) for name in b.COMPILED]"
+    return dict(line.split() for line in run(folder, code).splitlines())
+
+
+@pytest.mark.parametrize(
+    ("changed", "users"),
+    [
+        ("bus/layout.py", {"bus.layout"}),
+        ("bus/outbox.pxd", {"bus.outbox"}),
+        # Their own declarations cimport Layout.
+        ("bus/layout.pxd", {"bus.absence", "bus.inbox", "bus.layout", "bus.outbox", "bus.sync", "conductor.cycle"}),
+        # layout.py cimports it, but not its declarations, which others use.
+        ("bus/e2e.pxd", {"bus.e2e", "bus.inbox", "bus.layout"}),
+    ],
+)
+def test_a_module_is_compiled_again_only_for_declarations_that_it_uses(copy, changed, users):
+    before = keys(copy)
+    with (copy / "bench" / changed).open("a") as file:
+        file.write("# changed\n")
+    after = keys(copy)
+    assert {name for name in COMPILED if after[name] != before[name]} == {f"bench.{user}" for user in users}
+
+
+@pytest.mark.parametrize(
+    ("line", "depends"),
+    [
+        ("from cython.cimports.bench.bus.sync import x", True),
+        ("    import cython.cimports.bench.bus.sync as s", True),
+        ("from cython.cimports.bench.bus import sync", True),
+        ("from cython.cimports import bench", True),
+        ("from bench.bus.sync cimport x", True),
+        ("from bench.bus cimport sync", True),
+        ("from .sync cimport x", True),
+        ("cimport libc.math, bench.bus.sync as s  # both", True),
+        ("from bench.bus.synchronous cimport x", False),
+        ("cimport libc.math as bench", False),
+        ("from bench.bus.sync import x", False),
+    ],
+)
+def test_all_forms_of_a_cimport_are_seen(copy, line, depends):
+    with (copy / "bench/control/matrices.pxd").open("a") as file:
+        file.write(f"{line}\n")
+    before = keys(copy)
+    with (copy / "bench/bus/sync.pxd").open("a") as file:
+        file.write("# changed\n")
+    changed = keys(copy)["bench.control.matrices"] != before["bench.control.matrices"]
+    assert changed == depends
+
+
 def test_a_missing_header_is_named_with_its_package(monkeypatch, tmp_path):
     monkeypatch.setattr(build, "library_folder", lambda: tmp_path)
     monkeypatch.setattr(finder, "library_folder", lambda: tmp_path)
