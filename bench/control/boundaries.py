@@ -1,3 +1,4 @@
+# cython: boundscheck=False, cdivision=True
 """The stability boundaries and the limiting of a reference to them, (27)-(32) and (35).
 
 The lift-off limits of (31) are 25 to 29 m/s^2 and are never active on a real road, so the adhesion limit
@@ -5,18 +6,29 @@ The lift-off limits of (31) are 25 to 29 m/s^2 and are never active on a real ro
 l_f twice; here l_r limits acceleration and l_f braking.
 """
 
-import math
-from typing import NamedTuple
+import cython
 
-from bench.control.compiled import njit
 from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
+
+if cython.compiled:
+    from cython.cimports.libc.math import sqrt
+else:
+    from math import sqrt
 
 YAW_SHARE = 0.85
 """Fraction of the adhesion available for lateral acceleration, (29)."""
 
+# Constants of C where the file is compiled, declared in boundaries.pxd.
+_NONE = Limit.NONE
+_YAW_RATE = Limit.YAW_RATE
+_ACCELERATION = Limit.ACCELERATION
+_FRICTION_CIRCLE = Limit.FRICTION_CIRCLE
+_SPEED = Limit.SPEED
 
-class Boundaries(NamedTuple):
+
+@cython.cclass
+class Boundaries:
     """The boundaries of one vehicle on one road.
 
     Attributes:
@@ -28,16 +40,32 @@ class Boundaries(NamedTuple):
         yaw_acceleration_max: largest commanded change of the yaw rate, rad/s^2.
         speed_min: m/s.
         speed_max: m/s.
+        lateral_max: largest lateral acceleration gamma v of (29), m/s^2.
     """
 
-    mu_g: float
-    lift_front: float
-    lift_rear: float
-    share: float
-    acceleration_max: float
-    yaw_acceleration_max: float
-    speed_min: float
-    speed_max: float
+    def __init__(
+        self,
+        mu_g: float,
+        lift_front: float,
+        lift_rear: float,
+        share: float,
+        acceleration_max: float,
+        yaw_acceleration_max: float,
+        speed_min: float,
+        speed_max: float,
+    ) -> None:
+        self.mu_g = mu_g
+        self.lift_front = lift_front
+        self.lift_rear = lift_rear
+        self.share = share
+        self.acceleration_max = acceleration_max
+        self.yaw_acceleration_max = yaw_acceleration_max
+        self.speed_min = speed_min
+        self.speed_max = speed_max
+        self.lateral_max = YAW_SHARE * mu_g
+        self._grip = share * mu_g
+        self._lowest = max(-acceleration_max, -min(lift_rear, mu_g) * share)
+        self._highest = min(acceleration_max, min(lift_front, mu_g) * share)
 
 
 def boundaries(
@@ -50,44 +78,53 @@ def boundaries(
     speed_max: float,
 ) -> Boundaries:
     """Return the boundaries of a vehicle on a road with adhesion `mu`."""
-    # An integer would make numba compile the functions again.
     return Boundaries(
         mu_g=mu * vehicle.g,
         lift_front=vehicle.g * vehicle.l_r / vehicle.h,
         lift_rear=vehicle.g * vehicle.l_f / vehicle.h,
-        share=float(share),
-        acceleration_max=float(acceleration_max),
-        yaw_acceleration_max=float(yaw_acceleration_max),
-        speed_min=float(speed_min),
-        speed_max=float(speed_max),
+        share=share,
+        acceleration_max=acceleration_max,
+        yaw_acceleration_max=yaw_acceleration_max,
+        speed_min=speed_min,
+        speed_max=speed_max,
     )
 
 
-@njit(cache=True)
-def yaw_rate_max(v_x: float, mu_g: float) -> float:
+@cython.ccall
+@cython.exceptval(check=False)
+def yaw_rate_max(v_x: cython.double, mu_g: cython.double) -> cython.double:
     """gamma_max (rad/s) at a speed v_x > 0 (m/s), (29)."""
     return YAW_SHARE * mu_g / v_x
 
 
-@njit(cache=True)
-def largest_acceleration(gamma: float, v: float, limits: Boundaries) -> float:
+@cython.ccall
+@cython.exceptval(check=False)
+def largest_acceleration(gamma: cython.double, v: cython.double, limits: Boundaries) -> cython.double:
     """The largest |a_x| (m/s^2) at lateral acceleration gamma v, by the friction circle and `acceleration_max`."""
-    allowed = limits.share * limits.mu_g
-    lateral = gamma * v
-    return float(min(math.sqrt(max(allowed * allowed - lateral * lateral, 0.0)), limits.acceleration_max))
+    lateral: cython.double = gamma * v
+    return min(sqrt(max(limits._grip * limits._grip - lateral * lateral, 0.0)), limits.acceleration_max)
 
 
-@njit(cache=True)
-def speed_reach(v: float, accelerating: bool, step_s: float, limits: Boundaries) -> float:
+@cython.ccall
+@cython.exceptval(check=False)
+def speed_reach(
+    v: cython.double, accelerating: cython.bint, step_s: cython.double, limits: Boundaries
+) -> cython.double:
     """V_k (m/s) of (35) with the printed l_f corrected: the extreme speed reachable in one step."""
-    return float(v + limits.lift_front * step_s if accelerating else v - limits.lift_rear * step_s)
+    return v + limits.lift_front * step_s if accelerating else v - limits.lift_rear * step_s
 
 
-@njit(cache=True)
+@cython.ccall
+@cython.exceptval(check=False)
 def admissible(
-    v: float, gamma: float, v_rate: float, gamma_rate: float, step_s: float, limits: Boundaries
-) -> tuple[float, float, Limit]:
-    """The next reference (m/s, rad/s), limited to the boundaries, and the decisive `Limit`.
+    v: cython.double,
+    gamma: cython.double,
+    v_rate: cython.double,
+    gamma_rate: cython.double,
+    step_s: cython.double,
+    limits: Boundaries,
+) -> tuple[cython.double, cython.double, cython.int]:
+    """The next reference (m/s, rad/s), limited to the boundaries, and the number of the decisive `Limit`.
 
     Args:
         v: this step's reference speed, m/s.
@@ -97,35 +134,28 @@ def admissible(
         step_s: T, s.
         limits: the boundaries.
     """
-    bound = Limit.NONE
-    a_max = limits.acceleration_max
-    if abs(v_rate) > a_max:
-        v_rate = a_max if v_rate > 0.0 else -a_max
-        bound = Limit.ACCELERATION
-    lowest, highest = (
-        -min(limits.lift_rear, limits.mu_g) * limits.share,
-        min(limits.lift_front, limits.mu_g) * limits.share,
-    )
-    if v_rate < lowest or v_rate > highest:
-        v_rate = min(max(v_rate, lowest), highest)
-        bound = Limit.ACCELERATION
+    bound: cython.int = _NONE
+    if v_rate < limits._lowest or v_rate > limits._highest:
+        v_rate = min(max(v_rate, limits._lowest), limits._highest)
+        bound = _ACCELERATION
 
-    swing = limits.yaw_acceleration_max
-    gamma_next = gamma + step_s * min(max(gamma_rate, -swing), swing)
+    swing: cython.double = limits.yaw_acceleration_max
+    gamma_next: cython.double = gamma + step_s * min(max(gamma_rate, -swing), swing)
     # The boundary at the highest speed within this step, so that it holds throughout.
-    v_fast = max(v, v + step_s * v_rate, limits.speed_min)
-    gamma_max = limits.share * yaw_rate_max(v_fast, limits.mu_g)
-    if abs(gamma_next) > gamma_max:
+    v_fast: cython.double = max(v, v + step_s * v_rate, limits.speed_min)
+    if abs(gamma_next) * v_fast > limits.share * limits.lateral_max:
+        gamma_max: cython.double = limits.share * yaw_rate_max(v_fast, limits.mu_g)
         gamma_next = gamma_max if gamma_next > 0.0 else -gamma_max
-        bound = Limit.YAW_RATE
+        bound = _YAW_RATE
 
-    circle = largest_acceleration(gamma_next, v_fast, limits)
-    if abs(v_rate) > circle:
+    lateral: cython.double = gamma_next * v_fast
+    if v_rate * v_rate + lateral * lateral > limits._grip * limits._grip:
+        circle: cython.double = largest_acceleration(gamma_next, v_fast, limits)
         v_rate = circle if v_rate > 0.0 else -circle
-        if bound != Limit.YAW_RATE:
-            bound = Limit.FRICTION_CIRCLE
-    v_next = v + step_s * v_rate
+        if bound != _YAW_RATE:
+            bound = _FRICTION_CIRCLE
+    v_next: cython.double = v + step_s * v_rate
     if v_next < limits.speed_min or v_next > limits.speed_max:
         v_next = min(max(v_next, limits.speed_min), limits.speed_max)
-        bound = Limit.SPEED
+        bound = _SPEED
     return v_next, gamma_next, bound

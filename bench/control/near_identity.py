@@ -1,38 +1,70 @@
+# cython: boundscheck=False, cdivision=True
 """The near-identity diffeomorphism: steering a car as if it were a point, (11)-(15).
 
 The point S lies `l` ahead of the centre of mass in the direction of motion theta, and can be accelerated in any
-direction: `dS/dt = R_l [v; gamma]` with `R_l = [[c, -l s], [s, l c]]`. The printed R_lambda is singular; this one has
-determinant l. theta is the course, yaw angle plus side-slip angle: with the yaw angle alone, a car that crabs in a
-side wind would settle beside its lane.
+direction: `dS/dt = R_l [v; gamma]` with `R_l = [[c, -l s], [s, l c]]`, `c = cos theta`, `s = sin theta`. The printed
+R_lambda is singular; this one has determinant l. theta is the course, yaw angle plus side-slip angle: with the yaw
+angle alone, a car that crabs in a side wind would settle beside its lane.
 """
 
-import math
+import cython
 
-import numpy as np
-from numpy.typing import NDArray
+if cython.compiled:
+    from cython.cimports.libc.math import cos, sin
+else:
+    from math import cos, sin
 
-from bench.control.compiled import njit
-
-Vector = NDArray[np.float64]
-
-
-@njit(cache=True)
-def point(X: float, Y: float, theta: float, length: float) -> tuple[float, float]:
-    """S (m, m) of (12) from the centre of mass (m, m) and the course (rad)."""
-    return X + length * math.cos(theta), Y + length * math.sin(theta)
+SMALL = 0.1
+"""Angle (rad) up to which the terms of the series that are left out are below the rounding error."""
 
 
-@njit(cache=True)
-def velocity(theta: float, v: float, gamma: float, length: float) -> tuple[float, float]:
-    """W = dS/dt (m/s, m/s) of (13) from course (rad), speed (m/s) and yaw rate (rad/s)."""
-    c, s = math.cos(theta), math.sin(theta)
+@cython.ccall
+@cython.exceptval(check=False)
+def point(
+    X: cython.double, Y: cython.double, c: cython.double, s: cython.double, length: cython.double
+) -> tuple[cython.double, cython.double]:
+    """S (m, m) of (12) from the centre of mass (m, m) and the course."""
+    return X + length * c, Y + length * s
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def velocity(
+    c: cython.double, s: cython.double, v: cython.double, gamma: cython.double, length: cython.double
+) -> tuple[cython.double, cython.double]:
+    """W = dS/dt (m/s, m/s) of (13) from course, speed (m/s) and yaw rate (rad/s)."""
     return c * v - length * s * gamma, s * v + length * c * gamma
 
 
-@njit(cache=True)
-def input_rates(theta: float, v: float, gamma: float, length: float, eta_x: float, eta_y: float) -> tuple[float, float]:
+@cython.ccall
+@cython.exceptval(check=False)
+def input_rates(
+    c: cython.double,
+    s: cython.double,
+    v: cython.double,
+    gamma: cython.double,
+    length: cython.double,
+    eta_x: cython.double,
+    eta_y: cython.double,
+) -> tuple[cython.double, cython.double]:
     """d[v; gamma]/dt (m/s^2, rad/s^2) that accelerates S by eta (m/s^2, m/s^2), (14)."""
-    c, s = math.cos(theta), math.sin(theta)
-    along = c * eta_x + s * eta_y
-    across = -s * eta_x + c * eta_y
+    along: cython.double = c * eta_x + s * eta_y
+    across: cython.double = c * eta_y - s * eta_x
     return along + length * gamma * gamma, (across - v * gamma) / length
+
+
+@cython.ccall
+@cython.exceptval(check=False)
+def turned(c: cython.double, s: cython.double, angle: cython.double) -> tuple[cython.double, cython.double]:
+    """The cosine and sine of the course turned by an angle (rad): a small one costs less than its cosine and sine."""
+    cos_angle: cython.double
+    sin_angle: cython.double
+    if -SMALL < angle < SMALL:
+        z: cython.double = angle * angle
+        zz: cython.double = z * z
+        cos_angle = 1.0 - z * 0.5 + zz * ((1.0 / 24.0) - z * (1.0 / 720.0) + zz * (1.0 / 40320.0))
+        sin_angle = angle - angle * z * ((1.0 / 6.0) - z * (1.0 / 120.0) + zz * ((1.0 / 5040.0) - z * (1.0 / 362880.0)))
+    else:
+        cos_angle = cos(angle)
+        sin_angle = sin(angle)
+    return c * cos_angle - s * sin_angle, s * cos_angle + c * sin_angle

@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False
 """The planning level: one vehicle's reference from its own state and the others' broadcasts.
 
 Slots d apart behind the leader slot move at the platoon's speed along the platoon's lane (Fig. 4, "target projection").
@@ -10,19 +11,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
+import cython
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.control.boundaries import admissible, boundaries, yaw_rate_max
-from bench.control.flocking import GA, GB, Field, acceleration
-from bench.control.genetic import Breeding, Rollout, Situation, search
-from bench.control.near_identity import input_rates, point, velocity
+from bench.control.boundaries import boundaries
+from bench.control.genetic import search
 from bench.control.outcome import Limit
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
 from bench.control.slow_down import slow_down
 from platoon_fmu.parameters import VehicleParameters
 
-Vector = NDArray[np.float64]
+if cython.compiled:
+    from cython.cimports.bench.control.boundaries import Boundaries, admissible, yaw_rate_max
+    from cython.cimports.bench.control.flocking import Field, Gains, Neighbours, acceleration
+    from cython.cimports.bench.control.genetic import Breeding, Rollout, Situation
+    from cython.cimports.bench.control.near_identity import input_rates, point, velocity
+    from cython.cimports.libc.math import cos, sin
+else:
+    from math import cos, sin
+
+    from bench.control.boundaries import Boundaries, admissible, yaw_rate_max
+    from bench.control.flocking import Field, Gains, Neighbours, acceleration
+    from bench.control.genetic import Breeding, Rollout, Situation
+    from bench.control.near_identity import input_rates, point, velocity
+
+_LIMITS = tuple(Limit)
 
 FOLLOWS_MPS = 1.0
 """Largest difference (m/s) between reference and own speed, so that the reference cannot run away from a vehicle that
@@ -72,8 +85,8 @@ class Motion:
         """Return the motion `time_s` seconds later at constant velocity."""
         way = self.speed * time_s
         return Motion(
-            self.X + way * np.cos(self.course),
-            self.Y + way * np.sin(self.course),
+            self.X + way * cos(self.course),
+            self.Y + way * sin(self.course),
             self.speed,
             self.course,
             self.yaw_rate,
@@ -90,7 +103,7 @@ class PlannerOutput:
         limit: the active boundary.
         margin: 1 - |gamma| / gamma_max of the reference.
         slot: from 1 at the head; 0 before slots are assigned.
-        target: (2,) slot position now, m.
+        target: slot position now, m, m.
         neighbours: number of vehicles within reach.
         gains: (6,) Lambda in use.
         cost: of the last search.
@@ -103,9 +116,9 @@ class PlannerOutput:
     limit: Limit
     margin: float
     slot: int
-    target: Vector
+    target: tuple[float, float]
     neighbours: int
-    gains: Vector
+    gains: tuple[float, ...]
     cost: float
     leader_x: float
     optimise_s: float
@@ -155,39 +168,24 @@ class Planner:
         self._step_s = step_s
         self._interval = planning_cycles(settings.planning_interval_s, step_s)
         self._length = settings.near_identity_length_m
-        self._limits = boundaries(
-            vehicle,
-            settings.adhesion,
-            settings.boundary_share,
-            settings.acceleration_max_mps2,
-            settings.yaw_acceleration_max_radps2,
-            settings.speed_min_mps,
-            settings.speed_max_mps,
+        self._limits = self._boundaries(vehicle, settings.acceleration_max_mps2)
+        self._emergency_limits = self._boundaries(
+            vehicle, max(settings.emergency_braking_mps2, settings.acceleration_max_mps2)
         )
-        self._emergency_limits = self._limits._replace(
-            acceleration_max=max(float(settings.emergency_braking_mps2), self._limits.acceleration_max)
-        )
-        self._field = Field(
-            eps=float(settings.sigma_eps),
-            distance=float(goal.gap),
-            reach=float(settings.reach_factor * goal.gap),
-            flat=float(settings.bump_flat),
-        )
+        self._field = Field(settings.sigma_eps, goal.gap, settings.reach_factor * goal.gap, settings.bump_flat)
         genetic = settings.genetic
-        lower, upper = genetic.bounds()
-        self._breeding = Breeding(lower, upper, genetic.population, genetic.generations, float(genetic.mutation))
+        self._breeding = Breeding(genetic)
         self._rollout = Rollout(
             self._field,
             self._limits,
-            float(self._length),
+            self._length,
             genetic.weights(),
             genetic.horizon_steps,
-            float(genetic.horizon_step_s),
+            genetic.horizon_step_s,
         )
-        self._best: Vector = 0.5 * (lower + upper)
-        # The flocking law requires Gb >= Ga, which the centre of the bounds may violate.
-        self._best[GB] = max(self._best[GA], self._best[GB])
+        self._best: tuple[float, ...] = self._breeding.middle()
         self._gains = self._best
+        self._law = Gains(self._gains)
         self._cost = 0.0
         self._reference: tuple[float, float] | None = None
         self._slot: int | None = None
@@ -195,6 +193,18 @@ class Planner:
         self._leader_time = 0.0
         self._rejoining = False
         self._cycle: int | None = None
+
+    def _boundaries(self, vehicle: VehicleParameters, acceleration_max: float) -> Boundaries:
+        settings = self.settings
+        return boundaries(
+            vehicle,
+            settings.adhesion,
+            settings.boundary_share,
+            acceleration_max,
+            settings.yaw_acceleration_max_radps2,
+            settings.speed_min_mps,
+            settings.speed_max_mps,
+        )
 
     def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> dict[int, int]:
         """Assign slots and the start of the leader slot from the positions of all vehicles (by number) at `time_s`.
@@ -239,7 +249,7 @@ class Planner:
             v, gamma, own.course, self.settings.slow_down_mps2, self.settings.speed_min_mps, self._step_s
         )
         self._reference = (v, gamma)
-        return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, self._leader_x(time_s), 0.0)
+        return self._output(v, gamma, Limit.NONE, (own.X, own.Y), 0, self._leader_x(time_s), 0.0)
 
     def step(
         self,
@@ -262,32 +272,49 @@ class Planner:
             braking: braking (m/s^2) to fall back from an untrusted vehicle ahead; None to keep the slot.
             make_way_x: minimum X (m) to keep clear of a vehicle approaching from behind; None for no minimum.
         """
+        v: cython.double
+        gamma: cython.double
         v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
         if self._slot is None:
-            return self._output(v, gamma, Limit.NONE, np.array([own.X, own.Y]), 0, 0.0, 0.0)
+            return self._output(v, gamma, Limit.NONE, (own.X, own.Y), 0, 0.0, 0.0)
 
         leader_x = self._leader_x(time_s)
         target = self._target(leader_x, own, make_way_x, falling_back=braking is not None)
-        peers_q, peers_p = self._points(peers)
+        X: cython.double = own.X
+        Y: cython.double = own.Y
+        c: cython.double = cos(own.course)
+        s: cython.double = sin(own.course)
+        length: cython.double = self._length
+        neighbours: Neighbours = self._neighbours(peers)
         optimise_s = 0.0
         if cycle % self._interval == 0 and braking is None:
             begin = perf_counter()
-            self._optimise(cycle // self._interval, own, v, gamma, target, peers_q, peers_p)
+            situation = Situation(X, Y, c, s, v, gamma, target, self._goal.speed, neighbours)
+            self._optimise(cycle // self._interval, situation)
             optimise_s = perf_counter() - begin
 
-        q = np.array(point(own.X, own.Y, own.course, self._length))
-        p = np.array(velocity(own.course, v, gamma, self._length))
-        q_hat = target + np.array([self._length, 0.0])
-        p_hat = np.array([self._goal.speed, 0.0])
-        u_x, u_y = acceleration(q, p, peers_q, peers_p, q_hat, p_hat, self._gains, self._field)
-        v_rate, gamma_rate = input_rates(own.course, v, gamma, self._length, u_x, u_y)
-        limits = self._limits
+        q_x: cython.double
+        q_y: cython.double
+        p_x: cython.double
+        p_y: cython.double
+        u_x: cython.double
+        u_y: cython.double
+        v_rate: cython.double
+        gamma_rate: cython.double
+        field: Field = self._field
+        q_x, q_y = point(X, Y, c, s, length)
+        p_x, p_y = velocity(c, s, v, gamma, length)
+        u_x, u_y = acceleration(
+            q_x, q_y, p_x, p_y, neighbours, target[0] + length, target[1], self._goal.speed, 0.0, self._law, field
+        )
+        v_rate, gamma_rate = input_rates(c, s, v, gamma, length, u_x, u_y)
+        limits: Boundaries = self._limits
         if braking is not None:
             v_rate, limits = -braking, self._emergency_limits
         v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
         self._reference = (v, gamma)
-        near = int((np.hypot(*(peers_q - q).T) < self._field.reach).sum())
-        return self._output(v, gamma, bound, target, near, leader_x, optimise_s)
+        near = neighbours.within(q_x, q_y, field.reach)
+        return self._output(v, gamma, _LIMITS[bound], target, near, leader_x, optimise_s)
 
     def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
         """Return the reference to continue from: the last one if it was followed, otherwise the own motion."""
@@ -304,7 +331,9 @@ class Planner:
     def _leader_x(self, time_s: float) -> float:
         return self._leader_start + self._goal.speed * (time_s - self._leader_time)
 
-    def _target(self, leader_x: float, own: Motion, make_way_x: float | None, *, falling_back: bool) -> Vector:
+    def _target(
+        self, leader_x: float, own: Motion, make_way_x: float | None, *, falling_back: bool
+    ) -> tuple[float, float]:
         """Return the target: the slot; only laterally while falling back, and approached slowly afterwards."""
         slot_x = leader_x - (self._slot or 0) * self._goal.gap
         if make_way_x is not None and make_way_x > slot_x:
@@ -313,42 +342,41 @@ class Planner:
         error = slot_x - own.X
         if falling_back:
             self._rejoining = True
-            return np.array([own.X, self._goal.lane_y])
+            return own.X, self._goal.lane_y
         if abs(error) < REJOINED_M:
             self._rejoining = False
         if self._rejoining:
             most = self.settings.rejoin_error_m
             slot_x = own.X + min(max(error, -most), most)
-        return np.array([slot_x, self._goal.lane_y])
+        return slot_x, self._goal.lane_y
 
-    def _points(self, peers: Mapping[int, Motion]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the others' points S (n, 2) and velocities W (n, 2), in order of their numbers."""
-        ordered = [peers[n] for n in sorted(peers)]
-        q = [point(m.X, m.Y, m.course, self._length) for m in ordered]
-        p = [velocity(m.course, m.speed, m.yaw_rate, self._length) for m in ordered]
-        return np.array(q).reshape(-1, 2), np.array(p).reshape(-1, 2)
+    def _neighbours(self, peers: Mapping[int, Motion]) -> Neighbours:
+        """Return the others' points S and velocities W, in order of their numbers."""
+        neighbours: Neighbours = Neighbours(len(peers))
+        length: cython.double = self._length
+        for place, number in enumerate(sorted(peers)):
+            peer = peers[number]
+            c: cython.double = cos(peer.course)
+            s: cython.double = sin(peer.course)
+            q_x, q_y = point(peer.X, peer.Y, c, s, length)
+            p_x, p_y = velocity(c, s, peer.speed, peer.yaw_rate, length)
+            neighbours.put(place, q_x, q_y, p_x, p_y)
+        return neighbours
 
-    def _optimise(
-        self,
-        interval: int,
-        own: Motion,
-        v: float,
-        gamma: float,
-        target: Vector,
-        peers_q: NDArray[np.float64],
-        peers_p: NDArray[np.float64],
-    ) -> None:
-        situation = Situation(own.X, own.Y, own.course, v, gamma, target, float(self._goal.speed), peers_q, peers_p)
-        seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1)[0])
+    def _optimise(self, interval: int, situation: Situation) -> None:
+        """Search for better gains, and move the gains in use towards them."""
+        seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1, np.uint64)[0])
         self._best, self._cost = search(self._best, seed, self._breeding, situation, self._rollout)
-        self._gains = self._gains + self.settings.gain_share * (self._best - self._gains)
+        share = self.settings.gain_share
+        self._gains = tuple([used + share * (best - used) for used, best in zip(self._gains, self._best, strict=True)])
+        self._law = Gains(self._gains)
 
     def _output(
         self,
         v: float,
         gamma: float,
         limit: Limit,
-        target: Vector,
+        target: tuple[float, float],
         neighbours: int,
         leader_x: float,
         optimise_s: float,

@@ -9,7 +9,6 @@ from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference,
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic
-from bench.control.flocking import GA, GB, P11, P12, P21, P22
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.control.settings import PlannerSettings
 from bench.cycle import CYCLE_S
@@ -250,10 +249,9 @@ class PlannerEcu:
                 "BoundaryMargin": plan.margin,
                 "OptimisationCost": plan.cost,
             }
-            potential = {"Ga": float(plan.gains[GA]), "Gb": float(plan.gains[GB])}
-            p = {"P11": P11, "P12": P12, "P21": P21, "P22": P22}
-            gains = {name: float(plan.gains[place]) for name, place in p.items()}
-            target |= {"TargetX": float(plan.target[0]), "TargetY": float(plan.target[1])}
+            potential = dict(zip(("Ga", "Gb"), plan.gains[:2], strict=True))
+            gains = dict(zip(("P11", "P12", "P21", "P22"), plan.gains[2:], strict=True))
+            target["TargetX"], target["TargetY"] = plan.target
         return [
             Outgoing(self._bus, REFERENCE, reference),
             Outgoing(self._bus, "PlannerStatus", status),

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.flocking import Field, acceleration, action, bump, sigma_norm
+from bench.control import flocking
+from bench.control.flocking import Field, Gains, Neighbours, acceleration, bump, offset, sigma_norm
 
 EPS = 0.1
 D = 10.0
@@ -34,7 +35,19 @@ def law(
     reach: float = R,
     flat: float = FLAT,
 ) -> np.ndarray:
-    return np.array(acceleration(q, p, peers_q, peers_p, q_hat, p_hat, lam, Field(EPS, D, reach, flat)))
+    field = Field(EPS, D, reach, flat)
+    return np.array(acceleration(*q, *p, neighbours(peers_q, peers_p), *q_hat, *p_hat, Gains(lam), field))
+
+
+def neighbours(peers_q: np.ndarray, peers_p: np.ndarray) -> Neighbours:
+    others = Neighbours(len(peers_q))
+    for place, (q, p) in enumerate(zip(peers_q, peers_p, strict=True)):
+        others.put(place, *q, *p)
+    return others
+
+
+def action(z: float, Ga: float, Gb: float) -> float:
+    return flocking.action(z, Ga, Gb, offset(Ga, Gb))
 
 
 def printed(

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from bench.control.boundaries import admissible, boundaries
-from bench.control.flocking import GA, GB, Field, acceleration
-from bench.control.genetic import Breeding, Rollout, Situation, rollout_cost, search
+from bench.control.flocking import GAINS, Field, Gains, Neighbours, acceleration
+from bench.control.genetic import Breeding, Candidate, Rollout, Situation, roll_out, search
 from bench.control.near_identity import input_rates
 from bench.control.settings import CostWeights, GeneticSettings
 from platoon_fmu.parameters import VehicleParameters
 
+GA, GB = GAINS.index("Ga"), GAINS.index("Gb")
 LENGTH = 0.9
 SPEED = 20.0
 LIMITS = boundaries(VehicleParameters(), 0.8, 0.7, 3.0, 1.5, 5.0, 45.0)
@@ -25,7 +26,7 @@ STATE = np.array([1.0, 0.5, 0.05, 18.0, 0.02])
 TARGET = np.array([4.0, 3.5])
 PEERS_Q = np.array([[9.0, 3.0], [-8.0, 0.0]])
 PEERS_P = np.array([[21.0, 0.3], [19.0, -0.2]])
-GAINS = np.array([1.0, 2.0, 0.8, 1.1, 1.9, 2.3])
+LAMBDA = np.array([1.0, 2.0, 0.8, 1.1, 1.9, 2.3])
 
 only = {
     term: CostWeights(**{name: float(name == term) for name in CostWeights._fields}) for term in CostWeights._fields
@@ -35,33 +36,45 @@ only = {
 
 def situation(state: np.ndarray, peers_q: np.ndarray = PEERS_Q, peers_p: np.ndarray = PEERS_P) -> Situation:
     X, Y, theta, v, gamma = state.tolist()
-    return Situation(X, Y, theta, v, gamma, TARGET, SPEED, peers_q, peers_p)
+    others = neighbours(peers_q, peers_p)
+    return Situation(X, Y, math.cos(theta), math.sin(theta), v, gamma, tuple(TARGET), SPEED, others)
 
 
-def rollout(chosen: GeneticSettings) -> Rollout:
-    return Rollout(FIELD, LIMITS, LENGTH, chosen.weights(), chosen.horizon_steps, chosen.horizon_step_s)
+def neighbours(peers_q: np.ndarray, peers_p: np.ndarray) -> Neighbours:
+    others = Neighbours(len(peers_q))
+    for place, (q, p) in enumerate(zip(peers_q, peers_p, strict=True)):
+        others.put(place, *q, *p)
+    return others
+
+
+def rollout(chosen: GeneticSettings, weights: CostWeights | None = None) -> Rollout:
+    weights = weights or chosen.weights()
+    return Rollout(FIELD, LIMITS, LENGTH, weights, chosen.horizon_steps, chosen.horizon_step_s)
 
 
 def cost(
-    gains: np.ndarray = GAINS,
+    gains: np.ndarray = LAMBDA,
     state: np.ndarray = STATE,
     peers_q: np.ndarray = PEERS_Q,
     peers_p: np.ndarray = PEERS_P,
     weights: CostWeights | None = None,
 ) -> float:
     """The compiled cost at one point."""
-    judged = rollout(GeneticSettings())
-    if weights is not None:
-        judged = judged._replace(weights=weights)
-    return float(rollout_cost(gains, situation(state, peers_q, peers_p), judged))
+    return costs([gains], situation(state, peers_q, peers_p), rollout(GeneticSettings(), weights))[0]
+
+
+def costs(many: list[np.ndarray], where: Situation, judged: Rollout) -> list[float]:
+    candidates = [Candidate(gains) for gains in many]
+    roll_out(candidates, 0, where, judged)
+    return [each.cost for each in candidates]
 
 
 def find(chosen: GeneticSettings, seed: int, start: np.ndarray | None = None) -> tuple[np.ndarray, float]:
     """A search at the same point."""
     lower, upper = chosen.bounds()
-    breeding = Breeding(lower, upper, chosen.population, chosen.generations, chosen.mutation)
     first = 0.5 * (lower + upper) if start is None else start
-    return search(first, seed, breeding, situation(STATE), rollout(chosen))
+    gains, found = search(first, seed, Breeding(chosen), situation(STATE), rollout(chosen))
+    return np.array(gains), found
 
 
 def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[np.ndarray, float]]:
@@ -76,19 +89,18 @@ def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[n
         X, Y, theta, v, gamma = motion[-1][0]
         heading, left = np.array([math.cos(theta), math.sin(theta)]), np.array([-math.sin(theta), math.cos(theta)])
         u = acceleration(
-            np.array([X, Y]) + LENGTH * heading,
-            v * heading + LENGTH * gamma * left,
-            PEERS_Q + k * step_s * PEERS_P,
-            PEERS_P,
-            TARGET + np.array([SPEED * k * step_s + LENGTH, 0.0]),
-            np.array([SPEED, 0.0]),
-            GAINS,
+            *(np.array([X, Y]) + LENGTH * heading),
+            *(v * heading + LENGTH * gamma * left),
+            neighbours(PEERS_Q + k * step_s * PEERS_P, PEERS_P),
+            *(TARGET + np.array([SPEED * k * step_s + LENGTH, 0.0])),
+            *(SPEED, 0.0),
+            Gains(LAMBDA),
             FIELD,
         )
         too_much = 0.0
         for _ in range(parts):
             dt = step_s / parts
-            v_rate, gamma_rate = input_rates(theta, v, gamma, LENGTH, *u)
+            v_rate, gamma_rate = input_rates(math.cos(theta), math.sin(theta), v, gamma, LENGTH, *u)
             too_much += max(abs(gamma + dt * gamma_rate) - 0.85 * 7.84 / v, 0.0) ** 2 / parts
             v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, LIMITS)
             X, Y = X + dt * v * math.cos(theta), Y + dt * v * math.sin(theta)
@@ -149,10 +161,15 @@ def test_formed_platoon_has_no_formation_error() -> None:
     assert cost(state=state, peers_q=nobody, peers_p=nobody, weights=weights) == pytest.approx(0.0, abs=1e-18)
 
 
-def test_neighbours_points_are_not_changed() -> None:
-    peers = PEERS_Q.copy()
-    cost(peers_q=peers)
-    np.testing.assert_array_equal(peers, PEERS_Q)
+def test_a_situation_can_be_used_again() -> None:
+    where = situation(STATE)
+    assert costs([LAMBDA], where, rollout(GeneticSettings())) == costs([LAMBDA], where, rollout(GeneticSettings()))
+
+
+@given(st.lists(st.lists(st.floats(0.5, 3.0), min_size=6, max_size=6).map(np.array), min_size=1, max_size=5))
+def test_candidates_rolled_out_side_by_side_do_not_affect_each_other(many: list[np.ndarray]) -> None:
+    where, model = situation(STATE), rollout(GeneticSettings())
+    assert costs(many, where, model) == [costs([gains], where, model)[0] for gains in many]
 
 
 def test_same_seed_gives_the_same_answer() -> None:
@@ -193,8 +210,8 @@ def test_search_finds_better_gains_than_the_middle() -> None:
 
 
 def test_more_generations_are_never_worse() -> None:
-    costs = [find(GeneticSettings(generations=n), 3)[1] for n in (1, 2, 4, 8)]
-    assert costs == sorted(costs, reverse=True)
+    found = [find(GeneticSettings(generations=n), 3)[1] for n in (1, 2, 4, 8)]
+    assert found == sorted(found, reverse=True)
 
 
 @pytest.mark.parametrize("name", ["ga", "gb", "p11", "p12", "p21", "p22"])

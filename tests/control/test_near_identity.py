@@ -6,13 +6,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from bench.control.near_identity import input_rates, point, velocity
+from bench.control import near_identity
+from bench.control.near_identity import turned
 from bench.control.settings import check_length
 
 angle = st.floats(-np.pi, np.pi)
 speed = st.floats(1, 40)
 yaw_rate = st.floats(-0.6, 0.6)
 length = st.floats(0.1, 0.99)
+
+
+def point(x: float, y: float, theta: float, ahead: float) -> tuple[float, float]:
+    return near_identity.point(x, y, np.cos(theta), np.sin(theta), ahead)
+
+
+def velocity(theta: float, v: float, gamma: float, ahead: float) -> tuple[float, float]:
+    return near_identity.velocity(np.cos(theta), np.sin(theta), v, gamma, ahead)
+
+
+def input_rates(theta: float, v: float, gamma: float, ahead: float, *eta: float) -> tuple[float, float]:
+    return near_identity.input_rates(np.cos(theta), np.sin(theta), v, gamma, ahead, *eta)
 
 
 class Unicycle:
@@ -100,3 +113,10 @@ def test_unsuitable_lengths_are_refused(bad: float) -> None:
 @pytest.mark.parametrize("good", [0.1001, 0.5, 0.999])
 def test_suitable_lengths_are_accepted(good: float) -> None:
     check_length(good, 20.0, 0.01)
+
+
+@given(angle, st.floats(-0.11, 0.11) | angle)
+def test_a_turned_course_has_the_cosine_and_sine_of_the_sum(theta: float, by: float) -> None:
+    c, s = turned(np.cos(theta), np.sin(theta), by)
+    assert c == pytest.approx(np.cos(theta + by), abs=1e-15)
+    assert s == pytest.approx(np.sin(theta + by), abs=1e-15)

@@ -200,7 +200,7 @@ def test_slots_move_at_the_platoons_speed() -> None:
     first = each.step(1, 2.0, STARTS[1], 20.0, peers).target
     later = each.step(2, 5.0, STARTS[1], 20.0, peers).target
     np.testing.assert_allclose(first, [10.0, 7.0])
-    np.testing.assert_allclose(later - first, [3.0 * 20.0, 0.0])
+    np.testing.assert_allclose(np.subtract(later, first), [3.0 * 20.0, 0.0])
 
 
 def test_until_slots_are_known_the_start_is_held() -> None:
@@ -269,7 +269,7 @@ def test_gains_in_use_go_a_share_of_the_way_to_the_optimised_ones() -> None:
     def first_gains(share: float) -> np.ndarray:
         each = planner(1, chosen=PlannerSettings(gain_share=share))
         each.assign_slots(STARTS, 0.0)
-        return each.step(0, 0.0, STARTS[1], 20.0, peers).gains
+        return np.array(each.step(0, 0.0, STARTS[1], 20.0, peers).gains)
 
     optimised = first_gains(1.0)
     assert np.abs(optimised - middle).max() > 0.01
@@ -283,7 +283,7 @@ def test_gains_in_use_are_always_ones_of_the_flocking_law() -> None:
     each.assign_slots(STARTS, 0.0)
     lower, upper = search.bounds()
     for cycle in range(1, 30):
-        gains = each.step(cycle, cycle * T, STARTS[1], 20.0, {n: STARTS[n] for n in (2, 3)}).gains
+        gains = np.array(each.step(cycle, cycle * T, STARTS[1], 20.0, {n: STARTS[n] for n in (2, 3)}).gains)
         assert gains[1] >= gains[0]
         assert (gains >= lower).all()
         assert (gains <= upper).all()

@@ -1,0 +1,32 @@
+cimport cython
+
+from bench.control.boundaries cimport Boundaries
+from bench.control.flocking cimport Field, Gains, Neighbours
+
+cdef int _COUNT
+
+@cython.final
+cdef class Situation:
+    cdef readonly double X, Y, c, s, v, gamma, target_x, target_y, platoon_speed
+    cdef readonly Neighbours neighbours
+
+@cython.final
+cdef class Rollout:
+    cdef readonly Field field
+    cdef readonly Boundaries limits
+    cdef readonly double length, step_s
+    cdef readonly double position, velocity, speed, yaw, boundary
+    cdef readonly int steps
+
+@cython.final
+cdef class Candidate:
+    cdef readonly Gains gains
+    cdef readonly double cost
+    cdef double X, Y, c, s, v, gamma
+
+@cython.final
+cdef class Breeding:
+    cdef readonly Gains lower, upper
+    cdef readonly int population, generations
+    cdef readonly double mutation
+
