@@ -13,7 +13,6 @@ BIN       := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 LINTERS   := $(VENV)/.installed-lint
 DEVELOP   := $(VENV)/.installed-dev
-WARM      := build/.warm
 INSTALL   := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation -c constraints.txt -e
 FMU       := build/Vehicle.fmu
 PYTEST    := $(BIN)/pytest -n $(WORKERS) --dist worksteal
@@ -29,7 +28,7 @@ ON_VCAN   := -p no:cacheprovider $(addprefix tests/,vcan bus/link ecu/test_c_tra
 .DELETE_ON_ERROR:
 
 # Both are quick where nothing has changed; Python does not keep bytecode itself if PYTHONDONTWRITEBYTECODE is set.
-setup: $(WARM)
+setup: $(FMU)
 	@$(BIN)/python -m bench.compiled.build
 	@$(BIN)/python -m compileall -q bench platoon_fmu
 
@@ -50,7 +49,7 @@ test: setup $(DEVELOP) coverage
 
 # Compiled code cannot be traced, so it is interpreted here.
 coverage: setup $(DEVELOP)
-	PLATOON_INTERPRETED=1 NUMBA_DISABLE_JIT=1 $(BIN)/coverage run -m pytest $(SAFETY)
+	PLATOON_INTERPRETED=1 $(BIN)/coverage run -m pytest $(SAFETY)
 	$(BIN)/coverage report
 
 # Some 1,800 mutants, one per core at a time.
@@ -147,10 +146,4 @@ $(FMU): $(INSTALLED) $(wildcard platoon_fmu/*.* platoon_fmu/fmi/*)
 	done; echo "No working C compiler to build the vehicle FMU." \
 		"On Debian or Ubuntu: apt install gcc libc6-dev" >&2; exit 1
 	$(BIN)/platoon fmu build
-	@touch $@
-
-# Compiles the controllers' hot loops into numba's cache, so that no ECU compiles in its first cycle.
-$(WARM): $(FMU) $(wildcard bench/control/*.py)
-	@$(BIN)/python -m bench.compiled.build
-	$(BIN)/python -m bench.cli.warm_up
 	@touch $@

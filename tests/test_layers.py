@@ -30,4 +30,4 @@ def test_an_ecu_starts_without_what_only_design_and_analysis_need(module):
 
 
 def test_help_needs_nothing_of_the_bench():
-    assert not modules_after("import bench.cli.main") & {"numpy", "numba", "can", "cantools", "mcap", "pydantic"}
+    assert not modules_after("import bench.cli.main") & {"numpy", "can", "cantools", "mcap", "pydantic"}

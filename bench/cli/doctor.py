@@ -26,7 +26,7 @@ WANTED_BUFFER_BYTES = 8 * 1024 * 1024
 """Receive buffer (bytes) with which no frame of a run is lost."""
 
 _COMPILERS = ("cc", "gcc", "clang")
-_PACKAGES = ("casadi", "clarabel", "cvxpy", "fmpy", "mcap", "numba", "numpy", "python-can", "cantools", "pydantic")
+_PACKAGES = ("casadi", "clarabel", "cvxpy", "cython", "fmpy", "mcap", "numpy", "python-can", "cantools", "pydantic")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.fmu import say_first_use, vehicle_fmu
+from bench.cli.fmu import vehicle_fmu
 from bench.cli.machine_code import use_machine_code
 from bench.cli.options import EXIT_CODES, LOGS, Buses, LiveOrigins, Overrides, ScenarioName, Seed, report_path
 from bench.cli.output import message
@@ -105,7 +105,7 @@ def run(
     with ExitStack() as stack:
         # First, so that no ECU's process has what the plant needs.
         server = None if address.hub is not None else stack.enter_context(_fork_server(loaded, ecus))
-        fmu = _prepared_fmu()
+        fmu = vehicle_fmu()
         session = (
             stack.enter_context(_live(log, live_address, live_origin or []))
             if live or live_address or live_origin
@@ -304,22 +304,6 @@ def _fork_server(scenario: "Scenario", ecus: Mapping[str, str]) -> "ForkServer":
 
     load_codecs(len(scenario.vehicles))
     return fork_server([each for each in ecus.values() if each in DEFAULT_ECUS.values()])
-
-
-def _prepared_fmu() -> Path:
-    """Return the vehicle's FMU; an installed package builds it and compiles the controllers here, once.
-
-    Raises:
-        BadInput: there is no FMU, and it cannot be built.
-    """
-    from platoon_fmu.build import in_checkout
-
-    fmu = vehicle_fmu()
-    if not in_checkout():
-        from bench.cli.warm_up import warm_up_once
-
-        warm_up_once(fmu.parent, say_first_use)
-    return fmu
 
 
 def _failures(metrics: "Metrics", scenario: "Scenario") -> list[str]:

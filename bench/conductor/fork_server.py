@@ -32,7 +32,7 @@ from bench.errors import BenchError, shortage
 NAME = "fork server"
 """Its name, in messages and in the list of processes."""
 
-THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Its environment: one thread in each library."""
 
 _MOST_DESCRIPTORS = 253

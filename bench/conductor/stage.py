@@ -38,7 +38,7 @@ BY_HAND = "started by hand"
 """The log's entry for the class of an ECU that the bench did not start."""
 
 _GIT_S = 2.0
-_PACKAGES = ("platoon", "numpy", "numba", "clarabel", "fmpy", "python-can", "cantools", "mcap")
+_PACKAGES = ("platoon", "numpy", "clarabel", "fmpy", "python-can", "cantools", "mcap")
 
 
 @dataclass(frozen=True)

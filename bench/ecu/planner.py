@@ -10,7 +10,6 @@ from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
-from bench.control.settings import PlannerSettings
 from bench.cycle import CYCLE_S
 from bench.ecu.following import Following
 from bench.ecu.limits import timeout_cycles
@@ -92,14 +91,6 @@ class PlannerEcu:
         self._last_broadcast: Motion | None = None
         self._last: PlannerOutput | None = None
         self._optimise_s = 0.0
-
-    @staticmethod
-    def warm_up() -> None:
-        """Load the compiled functions by calling them once, for all processes forked afterwards."""
-        planner = Planner(PlannerSettings(), PlatoonGoal(0.0, 20.0, 10.0), VehicleParameters(), 1, 2, 0, CYCLE_S)
-        own, other = Motion(0.0, 0.0, 20.0, 0.0, 0.0), Motion(-10.0, 0.0, 20.0, 0.0, 0.0)
-        planner.assign_slots({1: own, 2: other}, 0.0)
-        planner.step(0, 0.0, own, own.speed, {2: other})
 
     def step(self, cycle: int, time_s: float, inputs: Mapping[Topic, Signals | None], health: Health) -> list[Outgoing]:
         """Plan the next cycle's reference and broadcast this cycle's motion."""

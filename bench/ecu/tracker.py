@@ -112,7 +112,7 @@ class TrackerEcu:
 
     @classmethod
     def warm_up(cls) -> None:
-        """Load the compiled functions by calling them once, for all processes forked afterwards."""
+        """Load what a step needs, for all processes forked afterwards."""
         settings = TrackerSettings()
         tracker = Tracker(settings, VehicleParameters(), CYCLE_S, cls.solvers(settings))
         tracker.step(np.array([20.0, 0.0, 0.0]), (20.0, 0.0), (20.1, 0.01))

@@ -185,7 +185,7 @@ def _notes(
 def _versions(run: Run) -> list[tuple[str, str, str]]:
     """Name, version in the run and version here of the packages that calculate."""
     found = []
-    for name in ("numpy", "numba", "clarabel"):
+    for name in ("numpy", "clarabel"):
         then = run.metadata.get(f"version {name}")
         if then:
             found.append((name, then, metadata.version(name)))

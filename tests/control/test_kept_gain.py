@@ -21,7 +21,7 @@ from bench.control.tracker import Tracker
 from platoon_fmu.parameters import VehicleParameters
 tracker = Tracker(TrackerSettings(), VehicleParameters(), 0.01)
 tracker.step(np.array([20.0, 0.1, 0.0]), (20.0, 0.0), (20.1, 0.01))
-print(sorted({"clarabel", "cvxpy", "numba", "scipy"} & set(sys.modules)))
+print(sorted({"clarabel", "cvxpy", "scipy"} & set(sys.modules)))
 """
 
 

@@ -10,7 +10,7 @@ from tests.control.planner_cases import answers
 
 
 def test_machine_code_and_plain_text_give_the_same_bits() -> None:
-    settings = os.environ | {INTERPRETED: "1", "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
+    settings = os.environ | {INTERPRETED: "1", "PYTHONPATH": str(ROOT)}
     command = [*interpreter(), "-c", "from tests.control.planner_cases import main; main()"]
     plain = subprocess.run(command, env=settings, capture_output=True, text=True, check=True).stdout.splitlines()
     assert len(set(plain)) > 100

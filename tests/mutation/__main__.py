@@ -49,7 +49,7 @@ def prepare(files: Sequence[str], tests: Sequence[str]) -> None:
 
 def mutmut(*arguments: str, quiet: bool = True) -> str:
     """Run mutmut there; its output, where that is not shown."""
-    environment = os.environ | {"PLATOON_INTERPRETED": "1", "NUMBA_DISABLE_JIT": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | {"PLATOON_INTERPRETED": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "mutmut", *arguments]
     done = subprocess.run(command, cwd=PLACE, env=environment, stdout=subprocess.PIPE if quiet else None, text=True)
     return done.stdout or ""
