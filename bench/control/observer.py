@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The lumped-disturbance observer, (37)-(42).
 
 `xibar+ = A xibar + B ubar + T d`, `d+ = d`: d lumps everything the nominal model omits (cornering
@@ -5,6 +6,7 @@ stiffness, wind, slope, rolling resistance, linearisation) as an acceleration [m
 As in the paper, all of `[v_x, v_y, gamma]` is measured (C = I).
 """
 
+import cython
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,8 +45,21 @@ class DisturbanceObserver:
             self._state = xi
         self._error = self._state - xi
         self._previous = self.disturbance
-        self.disturbance = self._previous + self._gain[xi.size :] @ self._error
+        self.disturbance = self._previous + self._correction(xi.size)
         return self.disturbance
+
+    def _correction(self, first: cython.Py_ssize_t) -> Vector:
+        """L times the error: its states from the first one on, as many as are measured."""
+        i: cython.Py_ssize_t
+        j: cython.Py_ssize_t
+        L: cython.double[:, ::1] = self._gain
+        error: cython.double[::1] = self._error
+        out = np.zeros(error.shape[0])
+        correction: cython.double[::1] = out
+        for i in range(error.shape[0]):
+            for j in range(error.shape[0]):
+                correction[i] += L[first + i, j] * error[j]
+        return out
 
     def predict(self, A: Matrix, B: Matrix, xi_ref: Vector, u_dev: Vector, drift: Vector) -> None:
         """Predict the next state from the input actually applied; `correct` must have been called before.
@@ -58,10 +73,21 @@ class DisturbanceObserver:
         """
         if self._state is None:
             raise ValueError("the observer predicts only after its first measurement")
-        self._state = (
-            drift
-            + A @ (self._state - xi_ref)
-            + B @ u_dev
-            + self._step_s * self._previous
-            + self._gain[: xi_ref.size] @ self._error
-        )
+        i: cython.Py_ssize_t
+        j: cython.Py_ssize_t
+        of_state: cython.double[:, ::1] = A
+        of_input: cython.double[:, ::1] = B
+        state: cython.double[::1] = self._state
+        origin: cython.double[::1] = xi_ref
+        inputs: cython.double[::1] = u_dev
+        previous: cython.double[::1] = self._previous
+        T: cython.double = self._step_s
+        out = self._correction(0)
+        predicted: cython.double[::1] = out
+        for i in range(state.shape[0]):
+            for j in range(state.shape[0]):
+                predicted[i] += of_state[i, j] * (state[j] - origin[j])
+            for j in range(inputs.shape[0]):
+                predicted[i] += of_input[i, j] * inputs[j]
+            predicted[i] += T * previous[i]
+        self._state = drift + out

@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The steady-state target: the steady state of the disturbed model closest to the reference within the input limits.
 
 (47)-(49) in deviations from the reference, as in Muske and Badgwell (2002): `xi_t = A xi_t + B U_t + d`. The offset of
@@ -9,20 +10,30 @@ speed.
 
 from dataclasses import dataclass
 
+import cython
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.control.quadratic import minimise
 
+if cython.compiled:
+    from cython.cimports.bench.control.matrices import invert
+    from cython.cimports.libc.math import fabs, isfinite
+else:
+    from math import fabs, isfinite
+
+    from bench.control.matrices import invert
+
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_TRACKED = (0, 2)
-"""v_x and gamma."""
-_DRIFT_COST = 1e6
+_N = 3
+_DRIFT_COST = cython.declare(cython.double, 1e6)
 """Cost of drifting from the target by one unit per step, if it cannot be held; an input at its limit costs 1."""
-_SIDE_SLIP_COST = 1e-3
+_SIDE_SLIP_COST = cython.declare(cython.double, 1e-3)
 """Cost of a target v_y of one unit: small inputs take priority over small v_y."""
+_SLACK = cython.declare(cython.double, 1e-9)
+"""An input beyond its bound by this part of its unit is at the bound."""
 
 
 @dataclass(frozen=True)
@@ -62,20 +73,126 @@ def steady_state_target(
         state_unit: (3,) size of one unit of each state.
         input_unit: (3,) size of one unit of each input.
     """
-    n, inputs = A.shape[0], B.shape[1]
-    # Variables in units: z = [xi_t / state_unit, (u_ref + U_t) / input_unit].
-    rest = np.hstack([(np.eye(n) - A) * state_unit, -B * input_unit]) / state_unit[:, None]
-    value = (disturbance - B @ u_ref) / state_unit
-    bounds = (
-        np.concatenate([np.full(n, -np.inf), lower / input_unit]),
-        np.concatenate([np.full(n, np.inf), upper / input_unit]),
-    )
-    cost = np.concatenate([np.full(n, _SIDE_SLIP_COST), np.ones(inputs)])
-    for state in _TRACKED:
-        bounds[0][state] = bounds[1][state] = 0.0
-    found = minimise(np.diag(cost), np.zeros(n + inputs), *bounds, (rest, value))
+    found = _exact(A, B, disturbance, u_ref, lower, upper, state_unit, input_unit)
+    if found is None:
+        found = _nearest(A, B, disturbance, u_ref, lower, upper, state_unit, input_unit)
+    if found is None:
+        return Target(np.zeros(_N), np.clip(u_ref, lower, upper) - u_ref, False)
+    return found
+
+
+def _exact(
+    A: cython.double[:, ::1],
+    B: cython.double[:, ::1],
+    disturbance: cython.double[::1],
+    u_ref: cython.double[::1],
+    lower: cython.double[::1],
+    upper: cython.double[::1],
+    state_unit: cython.double[::1],
+    input_unit: cython.double[::1],
+) -> Target | None:
+    """The target at rest without offset, or None if the bounds allow none.
+
+    Only v_y is free. In units, the whole input is `hold + per_v_y v_y`, so the programme has one variable: its
+    unconstrained minimum, moved into the range that the input bounds leave.
+    """
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    hold: cython.double
+    slope: cython.double
+    least: cython.double
+    most: cython.double
+    v_y: cython.double
+    one: cython.double
+    other: cython.double
+    gradient: cython.double = 0.0
+    curvature: cython.double = _SIDE_SLIP_COST
+    inverse: cython.double[:, ::1] = np.empty((_N, _N))
+    needed: cython.double[::1] = np.empty(_N)
+    per_v_y: cython.double[::1] = np.empty(_N)
+    determinant: cython.double = invert(inverse, B)
+    if determinant == 0.0 or not isfinite(determinant):
+        return None
+    for i in range(_N):
+        hold = u_ref[i]
+        slope = 0.0
+        for j in range(_N):
+            hold -= inverse[i, j] * disturbance[j]
+            slope += inverse[i, j] * ((1.0 if j == 1 else 0.0) - A[j, 1])
+        needed[i] = hold / input_unit[i]
+        per_v_y[i] = slope * state_unit[1] / input_unit[i]
+        gradient += needed[i] * per_v_y[i]
+        curvature += per_v_y[i] * per_v_y[i]
+    v_y = -gradient / curvature
+    least, most = -float("inf"), float("inf")
+    for i in range(_N):
+        one = lower[i] / input_unit[i] - _SLACK - needed[i]
+        other = upper[i] / input_unit[i] + _SLACK - needed[i]
+        if fabs(per_v_y[i]) > 0.0:
+            one, other = one / per_v_y[i], other / per_v_y[i]
+            least, most = max(least, min(one, other)), min(most, max(one, other))
+        elif not one <= 0.0 <= other:
+            return None
+    if not least <= most or not isfinite(v_y):
+        return None
+    v_y = min(max(v_y, least), most)
+    xi, u = np.zeros(_N), np.empty(_N)
+    state: cython.double[::1] = xi
+    inputs: cython.double[::1] = u
+    state[1] = v_y * state_unit[1]
+    for i in range(_N):
+        inputs[i] = (needed[i] + per_v_y[i] * v_y) * input_unit[i]
+        inputs[i] = min(max(inputs[i], lower[i]), upper[i]) - u_ref[i]
+    return Target(xi, u, True)
+
+
+def _nearest(
+    A: cython.double[:, ::1],
+    B: cython.double[:, ::1],
+    disturbance: cython.double[::1],
+    u_ref: cython.double[::1],
+    lower: cython.double[::1],
+    upper: cython.double[::1],
+    state_unit: cython.double[::1],
+    input_unit: cython.double[::1],
+) -> Target | None:
+    """The target nearest to rest, without offset; None if it cannot be computed."""
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    k: cython.Py_ssize_t
+    # Variables in units: z = [v_y, u_ref + U_t]; the drift is `rest z - value`.
+    hessian, gradient = np.zeros((_N + 1, _N + 1)), np.zeros(_N + 1)
+    least, most = np.full(_N + 1, -np.inf), np.full(_N + 1, np.inf)
+    H: cython.double[:, ::1] = hessian
+    g: cython.double[::1] = gradient
+    low: cython.double[::1] = least
+    high: cython.double[::1] = most
+    rest: cython.double[::1] = np.empty(_N + 1)
+    value: cython.double
+    for k in range(_N):
+        rest[0] = ((1.0 if k == 1 else 0.0) - A[k, 1]) * state_unit[1] / state_unit[k]
+        value = disturbance[k]
+        for j in range(_N):
+            rest[j + 1] = -B[k, j] * input_unit[j] / state_unit[k]
+            value -= B[k, j] * u_ref[j]
+        value /= state_unit[k]
+        for i in range(_N + 1):
+            g[i] -= _DRIFT_COST * rest[i] * value
+            for j in range(_N + 1):
+                H[i, j] += _DRIFT_COST * rest[i] * rest[j]
+    H[0, 0] += _SIDE_SLIP_COST
+    for i in range(_N):
+        H[i + 1, i + 1] += 1.0
+        low[i + 1] = lower[i] / input_unit[i]
+        high[i + 1] = upper[i] / input_unit[i]
+    found = minimise(hessian, gradient, least, most)
     if not found.solved:
-        found = minimise(np.diag(cost) + _DRIFT_COST * rest.T @ rest, -_DRIFT_COST * rest.T @ value, *bounds)
-    if not found.solved:
-        return Target(np.zeros(n), np.clip(u_ref, lower, upper) - u_ref, False)
-    return Target(found.x[:n] * state_unit, found.x[n:] * input_unit - u_ref, True)
+        return None
+    z: cython.double[::1] = found.x
+    xi, u = np.zeros(_N), np.empty(_N)
+    state: cython.double[::1] = xi
+    inputs: cython.double[::1] = u
+    state[1] = z[0] * state_unit[1]
+    for i in range(_N):
+        inputs[i] = z[i + 1] * input_unit[i] - u_ref[i]
+    return Target(xi, u, True)

@@ -1,9 +1,11 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The tracking level: reference input, observer, target and robust MPC in one step, (21)-(23) and (37)-(62)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
+import cython
 import numpy as np
 from numpy.typing import NDArray
 
@@ -183,9 +185,7 @@ class Tracker:
         solve_s = perf_counter() - start
         K, source = self._choose(gain, A, B)
 
-        u = reference.u + target.u + K @ chi
-        u = np.clip(u, u_last - self._rate, u_last + self._rate)
-        u = np.clip(u, -self._allocation.limit, self._allocation.limit)
+        u = _limited(reference.u + target.u + K @ chi, u_last, self._rate, self._allocation.limit)
 
         drift = xi_next + reference.residual
         self._last = _Step(A, B, xi_ref, reference.u, drift)
@@ -212,16 +212,12 @@ class Tracker:
         return np.array([v_x, self.model.steady_lateral_velocity(v_x, gamma), gamma])
 
     def _target(self, A: Matrix, B: Matrix, known: Vector, u_ref: Vector, u_last: Vector) -> Target:
-        # Part of each input's range is reserved for the feedback, whose bounds are symmetric about the target.
-        limit = 0.95 * self._allocation.limit
-        lower = np.maximum(-limit, np.minimum(u_last, limit) - self._rate)
-        upper = np.minimum(limit, np.maximum(u_last, -limit) + self._rate)
+        lower, upper = _target_range(u_last, self._rate, self._allocation.limit)
         return steady_state_target(A, B, known, u_ref, lower, upper, self._state_unit, self._allocation.limit)
 
     def _solve(self, linear: LinearModel, chi: Vector, u_target: Vector) -> Gain:
         limit = self._allocation.limit
-        room = np.maximum(limit - np.abs(u_target), 0.02 * limit)
-        return self._controller.solve(linear, chi, room)
+        return self._controller.solve(linear, chi, _room(limit, u_target))
 
     def _choose(self, gain: Gain, A: Matrix, B: Matrix) -> tuple[Matrix, GainSource]:
         """Return the certified gain of this step, else the last certified gain, else the nominal LQR gain."""
@@ -233,3 +229,43 @@ class Tracker:
         Q = np.diag(self._state_unit**-2.0)
         R = np.diag(self.settings.input_weight * self._input_unit**-2.0)
         return lqr_gain(A, B, Q, R), GainSource.LQR
+
+
+def _limited(
+    u: cython.double[::1], u_last: cython.double[::1], rate: cython.double[::1], limit: cython.double[::1]
+) -> Vector:
+    """The input u within a step's change (rate) of the last one, and within its limit."""
+    i: cython.Py_ssize_t
+    out = np.empty(u.shape[0])
+    limited: cython.double[::1] = out
+    for i in range(u.shape[0]):
+        limited[i] = min(max(u[i], u_last[i] - rate[i]), u_last[i] + rate[i])
+        limited[i] = min(max(limited[i], -limit[i]), limit[i])
+    return out
+
+
+def _target_range(
+    u_last: cython.double[::1], rate: cython.double[::1], limit: cython.double[::1]
+) -> tuple[Vector, Vector]:
+    """Lower and upper bound of the target's whole input."""
+    i: cython.Py_ssize_t
+    largest: cython.double
+    lower, upper = np.empty(limit.shape[0]), np.empty(limit.shape[0])
+    low: cython.double[::1] = lower
+    high: cython.double[::1] = upper
+    for i in range(limit.shape[0]):
+        # Part of each input's range is reserved for the feedback, whose bounds are symmetric about the target.
+        largest = 0.95 * limit[i]
+        low[i] = max(-largest, min(u_last[i], largest) - rate[i])
+        high[i] = min(largest, max(u_last[i], -largest) + rate[i])
+    return lower, upper
+
+
+def _room(limit: cython.double[::1], u_target: cython.double[::1]) -> Vector:
+    """Range of the feedback about the target's input; some of it is left at a limit."""
+    i: cython.Py_ssize_t
+    out = np.empty(limit.shape[0])
+    room: cython.double[::1] = out
+    for i in range(limit.shape[0]):
+        room[i] = max(limit[i] - abs(u_target[i]), 0.02 * limit[i])
+    return out

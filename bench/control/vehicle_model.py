@@ -1,3 +1,4 @@
+# cython: boundscheck=False, wraparound=False, cdivision=True, initializedcheck=False
 """The control model: three states, linear tyres, and uncertain cornering stiffness.
 
 Equations (16)-(20) and (24)-(26) of Zhuang, Xu, Yin (2020), corrected: the rear lateral force is
@@ -10,6 +11,7 @@ ISO 8855 vehicle axes, wheels in the paper's order: 1 front left, 2 rear left, 3
 
 from dataclasses import dataclass
 
+import cython
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,9 +25,7 @@ INPUTS = 5
 
 NUMBERS = ("M", "I_z", "l_f", "l_r", "l_t", "Cf2", "Cr2", "C_a", "variation", "T")
 """Order of the vehicle parameters in the vector for the functions below: Cf2 and Cr2 are for both tyres of an axle,
-T is the sampling time. A vector, because passing a named tuple takes several times as long."""
-
-_T = NUMBERS.index("T")
+T is the sampling time."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class LinearModel:
 
     def with_inputs(self, allocation: Matrix) -> "LinearModel":
         """Return the same model with input u, where `U = allocation @ u`, allocation (5, m)."""
-        return LinearModel(self.A, self.B @ allocation, self.H, self.N1, self.N2 @ allocation)
+        return LinearModel(self.A, _product(self.B, allocation), self.H, self.N1, _product(self.N2, allocation))
 
 
 class VehicleModel:
@@ -89,15 +89,22 @@ class VehicleModel:
         Returns:
             (3,) [m/s^2, m/s^2, rad/s^2], without rolling resistance.
         """
-        return derivative(self.numbers, xi, U)
+        out = np.empty(STATES)
+        derivative(out, self.numbers, xi, U)
+        return out
 
     def step(self, xi: Vector, U: Vector) -> Vector:
         """The state (3,) one step later by Euler's method, as (19)-(20) are discretised."""
-        return step(self.numbers, xi, U)
+        out = np.empty(STATES)
+        step(out, self.numbers, xi, U)
+        return out
 
     def linearise(self, xi: Vector, U: Vector) -> LinearModel:
         """A, B of (20) and dA, dB of (25)-(26) at a state (3,) with v_x > 0 and an input (5,)."""
-        return LinearModel(*linearise(self.numbers, xi, U))
+        square, wide = (STATES, STATES), (STATES, INPUTS)
+        model = LinearModel(np.empty(square), np.empty(wide), np.empty(square), np.empty(square), np.empty(wide))
+        linearise(model.A, model.B, model.H, model.N1, model.N2, self.numbers, xi, U)
+        return model
 
     def steady_lateral_velocity(self, v_x: float, gamma: float) -> float:
         """v_y (m/s) of steady cornering at v_x > 0 (m/s) and yaw rate gamma (rad/s), no drive force.
@@ -108,51 +115,125 @@ class VehicleModel:
         return gamma * (p.l_r - p.M * p.l_f * v_x**2 / ((p.l_f + p.l_r) * 2.0 * p.C_r))
 
 
-def derivative(numbers: Vector, xi: Vector, U: Vector) -> Vector:
-    """See `VehicleModel.derivative`; `numbers` are the model's."""
-    M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, _, _ = numbers
-    v_x, v_y, gamma = xi
-    delta, F_x1, F_x2, F_x3, F_x4 = U
-    F_yf = Cf2 * (delta - (v_y + l_f * gamma) / v_x)
-    F_yr = Cr2 * (l_r * gamma - v_y) / v_x
-    F_X = F_x1 + F_x2 + F_x3 + F_x4 - F_yf * delta
-    F_Y = (F_x1 + F_x4) * delta + F_yf + F_yr
-    M_z = 0.5 * l_t * (F_x4 - F_x1 + F_x3 - F_x2) + l_f * ((F_x1 + F_x4) * delta + F_yf) - l_r * F_yr
-    return np.array([v_y * gamma + (F_X - C_a * v_x * v_x) / M, -v_x * gamma + F_Y / M, M_z / I_z])
+def _product(a: cython.double[:, ::1], b: cython.double[:, ::1]) -> Matrix:
+    """Return a b, for a and b of any size."""
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    k: cython.Py_ssize_t
+    out = np.zeros((a.shape[0], b.shape[1]))
+    product: cython.double[:, ::1] = out
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            for k in range(b.shape[0]):
+                product[i, j] += a[i, k] * b[k, j]
+    return out
 
 
-def step(numbers: Vector, xi: Vector, U: Vector) -> Vector:
-    """See `VehicleModel.step`; `numbers` are the model's."""
-    moved: Vector = xi + numbers[_T] * derivative(numbers, xi, U)
-    return moved
+@cython.ccall
+@cython.nogil
+@cython.exceptval(check=False)
+def derivative(
+    out: cython.double[::1], numbers: cython.double[::1], xi: cython.double[::1], U: cython.double[::1]
+) -> cython.void:
+    """Set `out` to `VehicleModel.derivative`; `numbers` are the model's."""
+    M: cython.double = numbers[0]
+    I_z: cython.double = numbers[1]
+    l_f: cython.double = numbers[2]
+    l_r: cython.double = numbers[3]
+    l_t: cython.double = numbers[4]
+    C_a: cython.double = numbers[7]
+    v_x: cython.double = xi[0]
+    v_y: cython.double = xi[1]
+    gamma: cython.double = xi[2]
+    delta: cython.double = U[0]
+    F_yf: cython.double = numbers[5] * (delta - (v_y + l_f * gamma) / v_x)
+    F_yr: cython.double = numbers[6] * (l_r * gamma - v_y) / v_x
+    F_X: cython.double = U[1] + U[2] + U[3] + U[4] - F_yf * delta
+    F_Y: cython.double = (U[1] + U[4]) * delta + F_yf + F_yr
+    M_z: cython.double = 0.5 * l_t * (U[4] - U[1] + U[3] - U[2]) + l_f * ((U[1] + U[4]) * delta + F_yf) - l_r * F_yr
+    out[0] = v_y * gamma + (F_X - C_a * v_x * v_x) / M
+    out[1] = -v_x * gamma + F_Y / M
+    out[2] = M_z / I_z
 
 
-def linearise(numbers: Vector, xi: Vector, U: Vector) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
-    """A, B, H, N1, N2 of `VehicleModel.linearise`; `numbers` are the model's."""
-    M, I_z, l_f, l_r, l_t, Cf2, Cr2, C_a, variation, T = numbers
-    v, v_y, gamma = xi
-    delta, F_x1, _, _, F_x4 = U
-    q = v_y + l_f * gamma
-    s = l_r * gamma - v_y
-    F_yf = Cf2 * (delta - q / v)
+@cython.ccall
+@cython.nogil
+@cython.exceptval(check=False)
+def step(
+    out: cython.double[::1], numbers: cython.double[::1], xi: cython.double[::1], U: cython.double[::1]
+) -> cython.void:
+    """Set `out` to `VehicleModel.step`; `numbers` are the model's."""
+    i: cython.Py_ssize_t
+    derivative(out, numbers, xi, U)
+    for i in range(3):
+        out[i] = xi[i] + numbers[9] * out[i]
+
+
+@cython.ccall
+@cython.nogil
+@cython.exceptval(check=False)
+def linearise(
+    A: cython.double[:, ::1],
+    B: cython.double[:, ::1],
+    H: cython.double[:, ::1],
+    N1: cython.double[:, ::1],
+    N2: cython.double[:, ::1],
+    numbers: cython.double[::1],
+    xi: cython.double[::1],
+    U: cython.double[::1],
+) -> cython.void:
+    """Set A, B, H, N1, N2 to those of `VehicleModel.linearise`; `numbers` are the model's."""
+    M: cython.double = numbers[0]
+    I_z: cython.double = numbers[1]
+    l_f: cython.double = numbers[2]
+    l_r: cython.double = numbers[3]
+    C_a: cython.double = numbers[7]
+    variation: cython.double = numbers[8]
+    T: cython.double = numbers[9]
+    v: cython.double = xi[0]
+    v_y: cython.double = xi[1]
+    gamma: cython.double = xi[2]
+    delta: cython.double = U[0]
+    q: cython.double = v_y + l_f * gamma
+    s: cython.double = l_r * gamma - v_y
+    F_yf: cython.double = numbers[5] * (delta - q / v)
+    front: cython.double = numbers[5] / v
+    rear: cython.double = numbers[6] / v
+    m: cython.double = T / M
+    z: cython.double = T / I_z
+    half: cython.double = 0.5 * numbers[4]
+    F_front: cython.double = U[1] + U[4]
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    k: cython.Py_ssize_t
 
     # Effect of each axle's lateral force on the state (columns of H), and of state and steering on that force.
-    H = np.array([[-T * delta / M, -T * F_yf / M, 0.0], [T / M, 0.0, T / M], [T * l_f / I_z, 0.0, -T * l_r / I_z]])
-    front, rear = Cf2 / v, Cr2 / v
-    of_state = np.array([[front * q / v, -front, -front * l_f], [0.0, 0.0, 0.0], [-rear * s / v, -rear, rear * l_r]])
-    of_steering = np.array([Cf2, 1.0, 0.0])
+    H[0, 0], H[0, 1], H[0, 2] = -m * delta, -m * F_yf, 0.0
+    H[1, 0], H[1, 1], H[1, 2] = m, 0.0, m
+    H[2, 0], H[2, 1], H[2, 2] = z * l_f, 0.0, -z * l_r
+    N1[0, 0], N1[0, 1], N1[0, 2] = front * q / v, -front, -front * l_f
+    N1[1, 0], N1[1, 1], N1[1, 2] = 0.0, 0.0, 0.0
+    N1[2, 0], N1[2, 1], N1[2, 2] = -rear * s / v, -rear, rear * l_r
+    for i in range(3):
+        for j in range(5):
+            N2[i, j] = 0.0
+    N2[0, 0], N2[1, 0] = numbers[5], 1.0
 
-    rest = np.array([[1.0 - 2.0 * T * C_a * v / M, T * gamma, T * v_y], [-T * gamma, 1.0, -T * v], [0.0, 0.0, 1.0]])
-    F_front = F_x1 + F_x4
-    m, i, half = T / M, T / I_z, 0.5 * l_t
-    B = np.array(
-        [
-            [0.0, m, m, m, m],
-            [m * F_front, m * delta, 0.0, 0.0, m * delta],
-            [i * l_f * F_front, i * (l_f * delta - half), -i * half, i * half, i * (half + l_f * delta)],
-        ]
-    )
-    B[:, 0] += H @ of_steering
-    N2 = np.zeros((STATES, INPUTS))
-    N2[:, 0] = variation * of_steering
-    return rest + H @ of_state, B, H, variation * of_state, N2
+    # The rest of the model, and those forces at the nominal stiffness.
+    A[0, 0], A[0, 1], A[0, 2] = 1.0 - 2.0 * m * C_a * v, T * gamma, T * v_y
+    A[1, 0], A[1, 1], A[1, 2] = -T * gamma, 1.0, -T * v
+    A[2, 0], A[2, 1], A[2, 2] = 0.0, 0.0, 1.0
+    B[0, 0], B[0, 1], B[0, 2], B[0, 3], B[0, 4] = 0.0, m, m, m, m
+    B[1, 0], B[1, 1], B[1, 2], B[1, 3], B[1, 4] = m * F_front, m * delta, 0.0, 0.0, m * delta
+    B[2, 0], B[2, 1], B[2, 2] = z * l_f * F_front, z * (l_f * delta - half), -z * half
+    B[2, 3], B[2, 4] = z * half, z * (half + l_f * delta)
+    for i in range(3):
+        for k in range(3):
+            B[i, 0] += H[i, k] * N2[k, 0]
+            for j in range(3):
+                A[i, j] += H[i, k] * N1[k, j]
+
+    for i in range(3):
+        N2[i, 0] *= variation
+        for j in range(3):
+            N1[i, j] *= variation

@@ -1,0 +1,3 @@
+cpdef void derivative(double[::1] out, double[::1] numbers, double[::1] xi, double[::1] U) noexcept nogil
+cpdef void step(double[::1] out, double[::1] numbers, double[::1] xi, double[::1] U) noexcept nogil
+cpdef void linearise(double[:, ::1] A, double[:, ::1] B, double[:, ::1] H, double[:, ::1] N1, double[:, ::1] N2, double[::1] numbers, double[::1] xi, double[::1] U) noexcept nogil
