@@ -93,10 +93,12 @@ def minimise_in_box(
     """
     n: cython.Py_ssize_t = x.shape[0]
     i: cython.Py_ssize_t
+    # One array, because an array costs more than the arithmetic.
+    work: cython.double[:, ::1] = np.zeros((n + 2, n))
+    matrix: cython.double[:, ::1] = work[:n]
+    right: cython.double[::1] = work[n]
     # -1 where the lower bound is active, 1 where the upper one is, 0 where the variable is free.
-    active: cython.double[::1] = np.zeros(n)
-    matrix: cython.double[:, ::1] = np.empty((n, n))
-    right: cython.double[::1] = np.empty(n)
+    active: cython.double[::1] = work[n + 1]
     for i in range(n):
         if not lower[i] <= upper[i]:
             return False
@@ -176,7 +178,7 @@ def _is_optimal(
 @cython.exceptval(check=False)
 def _is_finite(x: cython.double[::1]) -> cython.bint:
     i: cython.Py_ssize_t
-    for i in range(x.shape[0]):
+    for i in range(x.shape[0]):  # noqa: SIM110 - typed
         if not isfinite(x[i]):
             return False
     return True

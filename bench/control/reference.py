@@ -16,12 +16,17 @@ from bench.control.quadratic import minimise
 from bench.control.vehicle_model import VehicleModel
 
 if cython.compiled:
+    from cython.cimports.bench.control.quadratic import minimise_in_box
     from cython.cimports.bench.control.vehicle_model import linearise, step
 else:
+    from bench.control.quadratic import minimise_in_box
     from bench.control.vehicle_model import linearise, step
 
 Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
+
+STATES = cython.declare(cython.int, 3)
+INPUTS = cython.declare(cython.int, 3)
+REAL_INPUTS = cython.declare(cython.int, 5)
 
 
 @dataclass(frozen=True)
@@ -63,43 +68,70 @@ def reference_input(
         passes: number of quadratic programmes; two reach the optimum if the next state is reachable, and come
             within 1 % of its cost if the bounds are active and the start is far away.
     """
-    limit = allocation.limit
-    count: cython.Py_ssize_t = limit.size
-    i: cython.Py_ssize_t
-    limits: cython.double[::1] = limit
+    limit: cython.double[::1] = allocation.limit
+    matrix: cython.double[:, ::1] = allocation.matrix
+    numbers: cython.double[::1] = model.numbers
     begin: cython.double[::1] = start
-    z = np.empty(count)
-    inside: cython.double[::1] = z
-    for i in range(count):
-        inside[i] = max(-1.0, min(1.0, begin[i] / limits[i]))
-    ones = np.ones(count)
+    state: cython.double[::1] = xi
+    wanted: cython.double[::1] = xi_next
+    Q: cython.double[::1] = state_weight
+    R: cython.double[::1] = input_weight
+    i: cython.Py_ssize_t
+    # One array, because an array costs more than the arithmetic: z, its bounds, the next z, gradient and Hessian.
+    work: cython.double[:, ::1] = np.empty((8, INPUTS))
+    z: cython.double[::1] = work[0]
+    lower: cython.double[::1] = work[1]
+    upper: cython.double[::1] = work[2]
+    better: cython.double[::1] = work[3]
+    gradient: cython.double[::1] = work[4]
+    hessian: cython.double[:, ::1] = work[5:]
+    spare: cython.double[:, ::1] = np.empty((17, REAL_INPUTS))
+    for i in range(INPUTS):
+        lower[i], upper[i] = -1.0, 1.0
+        z[i] = max(-1.0, min(1.0, begin[i] / limit[i]))
     solved = True
     for _ in range(passes):
-        cost = _cost(model.numbers, allocation.matrix, limit, xi, xi_next, z, state_weight, input_weight)
-        found = minimise(*cost, -ones, ones)
-        if not found.solved:
-            solved = False
-            break
-        z = found.x
-    u = limit * z
-    reached = np.empty(xi.size)
-    step(reached, model.numbers, xi, _real_input(allocation.matrix, limit, z))
-    return ReferenceInput(u, reached - xi_next, solved)
+        _set_cost(hessian, gradient, spare, numbers, matrix, limit, state, wanted, z, Q, R)
+        if not minimise_in_box(better, hessian, gradient, lower, upper):
+            found = minimise(np.array(hessian), np.array(gradient), np.array(lower), np.array(upper))
+            if not found.solved:
+                solved = False
+                break
+            better = found.x
+        for i in range(INPUTS):
+            z[i] = better[i]
+    out, miss = np.empty(INPUTS), np.empty(STATES)
+    u: cython.double[::1] = out
+    residual: cython.double[::1] = miss
+    _set_real_input(spare[0], matrix, limit, z)
+    step(residual, numbers, state, spare[0])
+    for i in range(INPUTS):
+        u[i] = limit[i] * z[i]
+    for i in range(STATES):
+        residual[i] -= wanted[i]
+    return ReferenceInput(out, miss, solved)
 
 
-def _real_input(allocation: cython.double[:, ::1], limit: cython.double[::1], z: cython.double[::1]) -> Vector:
-    """U (5,) of the virtual input `limit * z`."""
+@cython.cfunc
+@cython.exceptval(check=False)
+def _set_real_input(
+    U: cython.double[::1], allocation: cython.double[:, ::1], limit: cython.double[::1], z: cython.double[::1]
+) -> cython.void:
+    """Set U (5,) to that of the virtual input `limit * z`."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
-    out = np.zeros(allocation.shape[0])
-    U: cython.double[::1] = out
-    for i in range(allocation.shape[0]):
-        for j in range(allocation.shape[1]):
+    for i in range(REAL_INPUTS):
+        U[i] = 0.0
+        for j in range(INPUTS):
             U[i] += allocation[i, j] * (limit[j] * z[j])
-    return out
 
 
-def _cost(
+@cython.cfunc
+@cython.exceptval(check=False)
+def _set_cost(
+    hessian: cython.double[:, ::1],
+    gradient: cython.double[::1],
+    spare: cython.double[:, ::1],
     numbers: cython.double[::1],
     allocation: cython.double[:, ::1],
     limit: cython.double[::1],
@@ -108,37 +140,32 @@ def _cost(
     z: cython.double[::1],
     state_weight: cython.double[::1],
     input_weight: cython.double[::1],
-) -> tuple[Matrix, Vector]:
-    """Hessian (3, 3) and gradient (3,) of (21) about the input `limit * z`; see `reference_input`."""
-    states: cython.Py_ssize_t = xi.shape[0]
-    inputs: cython.Py_ssize_t = z.shape[0]
+) -> cython.void:
+    """Hessian (3, 3) and gradient (3,) of (21) about the input `limit * z`; `spare` (17, 5) is overwritten."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
     k: cython.Py_ssize_t
-    U: cython.double[::1] = _real_input(allocation, limit, z)
+    U: cython.double[::1] = spare[0]
+    miss: cython.double[::1] = spare[1]
+    of_input: cython.double[:, ::1] = spare[2:5]
+    B: cython.double[:, ::1] = spare[5:8]
+    _set_real_input(U, allocation, limit, z)
     # Of the linear model, only B is used.
-    square: cython.double[:, ::1] = np.empty((3, 3))
-    H: cython.double[:, ::1] = np.empty((3, 3))
-    of_input: cython.double[:, ::1] = np.empty((3, 5))
-    N2: cython.double[:, ::1] = np.empty((3, 5))
-    linearise(square, of_input, H, square, N2, numbers, xi, U)
-    miss: cython.double[::1] = np.empty(states)
+    linearise(spare[8:11], of_input, spare[11:14], spare[8:11], spare[14:17], numbers, xi, U)
     step(miss, numbers, xi, U)
-    B: cython.double[:, ::1] = np.zeros((states, inputs))
-    for i in range(states):
+    for i in range(STATES):
         miss[i] -= xi_next[i]
-        for j in range(inputs):
-            for k in range(U.shape[0]):
+        for j in range(INPUTS):
+            B[i, j] = 0.0
+            for k in range(REAL_INPUTS):
                 B[i, j] += of_input[i, k] * allocation[k, j]
             B[i, j] *= limit[j]
             miss[i] -= B[i, j] * z[j]
-    hessian, gradient = np.zeros((inputs, inputs)), np.zeros(inputs)
-    curvature: cython.double[:, ::1] = hessian
-    slope: cython.double[::1] = gradient
-    for i in range(inputs):
-        for k in range(states):
-            slope[i] += B[k, i] * state_weight[k] * miss[k]
-            for j in range(inputs):
-                curvature[i, j] += B[k, i] * state_weight[k] * B[k, j]
-        curvature[i, i] += input_weight[i]
-    return hessian, gradient
+    for i in range(INPUTS):
+        gradient[i] = 0.0
+        for j in range(INPUTS):
+            hessian[i, j] = input_weight[i] if i == j else 0.0
+        for k in range(STATES):
+            gradient[i] += B[k, i] * state_weight[k] * miss[k]
+            for j in range(INPUTS):
+                hessian[i, j] += B[k, i] * state_weight[k] * B[k, j]

@@ -18,16 +18,18 @@ from bench.control.quadratic import minimise
 
 if cython.compiled:
     from cython.cimports.bench.control.matrices import invert
+    from cython.cimports.bench.control.quadratic import minimise_in_box
     from cython.cimports.libc.math import fabs, isfinite
 else:
     from math import fabs, isfinite
 
     from bench.control.matrices import invert
+    from bench.control.quadratic import minimise_in_box
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-_N = 3
+_N = cython.declare(cython.int, 3)
 _DRIFT_COST = cython.declare(cython.double, 1e6)
 """Cost of drifting from the target by one unit per step, if it cannot be held; an input at its limit costs 1."""
 _SIDE_SLIP_COST = cython.declare(cython.double, 1e-3)
@@ -73,14 +75,23 @@ def steady_state_target(
         state_unit: (3,) size of one unit of each state.
         input_unit: (3,) size of one unit of each input.
     """
-    found = _exact(A, B, disturbance, u_ref, lower, upper, state_unit, input_unit)
+    a: cython.double[:, ::1] = A
+    b: cython.double[:, ::1] = B
+    d: cython.double[::1] = disturbance
+    ref: cython.double[::1] = u_ref
+    low: cython.double[::1] = lower
+    high: cython.double[::1] = upper
+    x: cython.double[::1] = state_unit
+    u: cython.double[::1] = input_unit
+    found = _exact(a, b, d, ref, low, high, x, u)
     if found is None:
-        found = _nearest(A, B, disturbance, u_ref, lower, upper, state_unit, input_unit)
+        found = _nearest(a, b, d, ref, low, high, x, u)
     if found is None:
         return Target(np.zeros(_N), np.clip(u_ref, lower, upper) - u_ref, False)
     return found
 
 
+@cython.cfunc
 def _exact(
     A: cython.double[:, ::1],
     B: cython.double[:, ::1],
@@ -90,7 +101,7 @@ def _exact(
     upper: cython.double[::1],
     state_unit: cython.double[::1],
     input_unit: cython.double[::1],
-) -> Target | None:
+) -> object:
     """The target at rest without offset, or None if the bounds allow none.
 
     Only v_y is free. In units, the whole input is `hold + per_v_y v_y`, so the programme has one variable: its
@@ -107,9 +118,11 @@ def _exact(
     other: cython.double
     gradient: cython.double = 0.0
     curvature: cython.double = _SIDE_SLIP_COST
-    inverse: cython.double[:, ::1] = np.empty((_N, _N))
-    needed: cython.double[::1] = np.empty(_N)
-    per_v_y: cython.double[::1] = np.empty(_N)
+    # One array, because an array costs more than the arithmetic.
+    work: cython.double[:, ::1] = np.empty((_N + 2, _N))
+    inverse: cython.double[:, ::1] = work[:_N]
+    needed: cython.double[::1] = work[_N]
+    per_v_y: cython.double[::1] = work[_N + 1]
     determinant: cython.double = invert(inverse, B)
     if determinant == 0.0 or not isfinite(determinant):
         return None
@@ -146,6 +159,7 @@ def _exact(
     return Target(xi, u, True)
 
 
+@cython.cfunc
 def _nearest(
     A: cython.double[:, ::1],
     B: cython.double[:, ::1],
@@ -155,19 +169,19 @@ def _nearest(
     upper: cython.double[::1],
     state_unit: cython.double[::1],
     input_unit: cython.double[::1],
-) -> Target | None:
+) -> object:
     """The target nearest to rest, without offset; None if it cannot be computed."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
     k: cython.Py_ssize_t
     # Variables in units: z = [v_y, u_ref + U_t]; the drift is `rest z - value`.
-    hessian, gradient = np.zeros((_N + 1, _N + 1)), np.zeros(_N + 1)
-    least, most = np.full(_N + 1, -np.inf), np.full(_N + 1, np.inf)
-    H: cython.double[:, ::1] = hessian
-    g: cython.double[::1] = gradient
-    low: cython.double[::1] = least
-    high: cython.double[::1] = most
-    rest: cython.double[::1] = np.empty(_N + 1)
+    work: cython.double[:, ::1] = np.zeros((_N + 6, _N + 1))
+    H: cython.double[:, ::1] = work[: _N + 1]
+    g: cython.double[::1] = work[_N + 1]
+    low: cython.double[::1] = work[_N + 2]
+    high: cython.double[::1] = work[_N + 3]
+    rest: cython.double[::1] = work[_N + 4]
+    z: cython.double[::1] = work[_N + 5]
     value: cython.double
     for k in range(_N):
         rest[0] = ((1.0 if k == 1 else 0.0) - A[k, 1]) * state_unit[1] / state_unit[k]
@@ -181,14 +195,16 @@ def _nearest(
             for j in range(_N + 1):
                 H[i, j] += _DRIFT_COST * rest[i] * rest[j]
     H[0, 0] += _SIDE_SLIP_COST
+    low[0], high[0] = -float("inf"), float("inf")
     for i in range(_N):
         H[i + 1, i + 1] += 1.0
         low[i + 1] = lower[i] / input_unit[i]
         high[i + 1] = upper[i] / input_unit[i]
-    found = minimise(hessian, gradient, least, most)
-    if not found.solved:
-        return None
-    z: cython.double[::1] = found.x
+    if not minimise_in_box(z, H, g, low, high):
+        found = minimise(np.array(H), np.array(g), np.array(low), np.array(high))
+        if not found.solved:
+            return None
+        z = found.x
     xi, u = np.zeros(_N), np.empty(_N)
     state: cython.double[::1] = xi
     inputs: cython.double[::1] = u

@@ -101,10 +101,11 @@ class VehicleModel:
 
     def linearise(self, xi: Vector, U: Vector) -> LinearModel:
         """A, B of (20) and dA, dB of (25)-(26) at a state (3,) with v_x > 0 and an input (5,)."""
-        square, wide = (STATES, STATES), (STATES, INPUTS)
-        model = LinearModel(np.empty(square), np.empty(wide), np.empty(square), np.empty(square), np.empty(wide))
-        linearise(model.A, model.B, model.H, model.N1, model.N2, self.numbers, xi, U)
-        return model
+        square, wide = np.empty((3, STATES, STATES)), np.empty((2, STATES, INPUTS))
+        A_H_N1: cython.double[:, :, ::1] = square
+        B_N2: cython.double[:, :, ::1] = wide
+        linearise(A_H_N1[0], B_N2[0], A_H_N1[1], A_H_N1[2], B_N2[1], self.numbers, xi, U)
+        return LinearModel(square[0], wide[0], square[1], square[2], wide[1])
 
     def steady_lateral_velocity(self, v_x: float, gamma: float) -> float:
         """v_y (m/s) of steady cornering at v_x > 0 (m/s) and yaw rate gamma (rad/s), no drive force.

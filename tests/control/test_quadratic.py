@@ -69,6 +69,22 @@ def test_box_solutions_meet_the_optimality_conditions(seed: int) -> None:
     assert (slope[found.x < upper - 1e-7] >= -1e-5).all()
 
 
+@given(st.integers(0, 10**6))
+def test_box_solutions_are_those_of_the_general_solver(seed: int) -> None:
+    """No equality, and none of zero rows, which only the general solver takes."""
+    H, g, lower, upper, E, e = problem(seed)
+    found = minimise(H, g, lower, upper)
+    general = minimise(H, g, lower, upper, (E[:0], e[:0]))
+    assert found.solved
+    np.testing.assert_allclose(found.x, general.x, atol=1e-6)
+
+
+def test_fixed_variables_stay_where_they_are() -> None:
+    bound = np.array([0.5, -np.inf])
+    found = minimise(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, -3.0]), bound, np.array([0.5, np.inf]))
+    np.testing.assert_allclose(found.x, [0.5, 1.25], atol=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_infeasible_is_said(seed: int) -> None:
     """Equalities that no point of a closed box meets."""

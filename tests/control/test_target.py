@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.control.allocation import allocate
+from bench.control.quadratic import minimise
 from bench.control.target import Target, steady_state_target
 from bench.control.vehicle_model import VehicleModel
 from platoon_fmu.parameters import VehicleParameters
@@ -86,6 +87,27 @@ def test_feasible_targets_are_those_cvxpy_finds(seed: int) -> None:
     target = solve(A, B, disturbance, u_ref)
     np.testing.assert_allclose(target.xi / UNIT, expected[0] / UNIT, atol=1e-5)
     np.testing.assert_allclose(target.u / LIMIT, expected[1] / LIMIT, atol=1e-5)
+
+
+@given(speeds, yaw_rates, disturbances, st.tuples(*[st.floats(-0.3, 0.3)] * 3), st.tuples(*[st.floats(-1, 1)] * 3))
+def test_targets_at_rest_are_those_of_the_whole_programme(
+    v: float, gamma: float, disturbance: np.ndarray, u_ref: tuple[float, ...], place: tuple[float, ...]
+) -> None:
+    """Six variables, their equalities and bounds, active or not, as the general solver has them."""
+    A, B = linear(v, gamma)
+    ref = np.array(u_ref) * LIMIT
+    middle = ref + 0.03 * np.array(place) * LIMIT
+    lower, upper = middle - 0.05 * LIMIT, middle + 0.05 * LIMIT
+    rest = np.hstack([(np.eye(3) - A) * UNIT, -B * LIMIT]) / UNIT[:, None]
+    least = np.array([0.0, -np.inf, 0.0, *(lower / LIMIT)])
+    most = np.array([0.0, np.inf, 0.0, *(upper / LIMIT)])
+    cost = np.diag([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
+    whole = minimise(cost, np.zeros(6), least, most, (rest, (disturbance - B @ ref) / UNIT))
+    if whole.solved:
+        target = solve(A, B, disturbance, ref, lower, upper)
+        # The general solver takes a bound as met within 1e-6; v_y is that much less certain than the inputs.
+        np.testing.assert_allclose(target.xi / UNIT, whole.x[:3], atol=1e-4)
+        np.testing.assert_allclose((ref + target.u) / LIMIT, whole.x[3:], atol=5e-6)
 
 
 def test_without_disturbance_the_reference_is_the_target() -> None:
