@@ -83,7 +83,7 @@ def steady_state_target(
     high: cython.double[::1] = upper
     x: cython.double[::1] = state_unit
     u: cython.double[::1] = input_unit
-    found = _exact(a, b, d, ref, low, high, x, u)
+    found: Target | None = _exact(a, b, d, ref, low, high, x, u)
     if found is None:
         found = _nearest(a, b, d, ref, low, high, x, u)
     if found is None:
