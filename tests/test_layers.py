@@ -31,3 +31,9 @@ def test_an_ecu_starts_without_what_only_design_and_analysis_need(module):
 
 def test_help_needs_nothing_of_the_bench():
     assert not modules_after("import bench.cli.main") & {"numpy", "can", "cantools", "mcap", "pydantic"}
+
+
+def test_a_codec_and_the_buses_of_the_bench_need_neither_cantools_nor_python_can():
+    warm = "from bench.bus.codec import load_codecs; load_codecs(3)"
+    modules_after(warm)
+    assert not modules_after(f"import bench.ecu.main, bench.bus.link.udp; {warm}") & {"can", "cantools", "asyncio"}

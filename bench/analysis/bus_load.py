@@ -202,6 +202,6 @@ def _names(bus: str, codec: Codec) -> dict[int, tuple[str, str]]:
     """Name and sender of each message by identifier."""
     names = {}
     for each in transmissions(bus, codec):
-        extended = EXTENDED if codec.message(each.message).is_extended_frame else 0
+        extended = EXTENDED if codec.described(each.message).is_extended else 0
         names[each.can_id | extended] = each.message, each.sender
     return names

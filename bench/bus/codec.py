@@ -1,24 +1,26 @@
 """From physical values to CAN frames and back, as the DBC files describe them.
 
-cantools reads the DBC; each message's layout becomes a table once (`bench.bus.layout`), which gives the same results as
-cantools' own codec in a fraction of the time.
+cantools reads the DBC (`bench.bus.dbc`), and what it says of the bench's own files is kept between runs. Each message's
+layout becomes a table once (`bench.bus.layout`), which gives the same results as cantools' own codec in a fraction of
+the time.
 """
 
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
-
-from cantools.database import load_string
-from cantools.database.can import Database, Message, Signal
-from cantools.database.errors import Error as CantoolsError
+from typing import TYPE_CHECKING, NamedTuple
 
 from bench.bus import e2e
+from bench.bus.description import MessageDescription, SignalDescription
 from bench.bus.frame import CanFrame
+from bench.bus.kept_description import description_of
 from bench.bus.layout import Field, Layout, Replaced
 from bench.cycle import CYCLE_MS
 from bench.errors import BadInput, BenchError
 from bench.names import V2V, vehicle_bus
+
+if TYPE_CHECKING:
+    from cantools.database.can import Database, Message
 
 DEFAULT_BIT_RATE = 500_000
 """Bits per second of a bus whose DBC has no attribute Baudrate."""
@@ -68,12 +70,12 @@ class SignalBits(NamedTuple):
     is_float: bool
 
 
-class _Described(NamedTuple):
-    """A message of a DBC: its layout, its signals in the DBC's order, whether it holds wall-clock times."""
+class _Message(NamedTuple):
+    """A message of a DBC: what the DBC says of it, its layout, its signals in the DBC's order."""
 
+    described: MessageDescription
     layout: Layout
     bits: tuple[SignalBits, ...]
-    wall_clock: bool
 
 
 class Codec:
@@ -82,7 +84,7 @@ class Codec:
     Attributes:
         file_name: the DBC file's name; empty if there is none.
         dbc: its content; empty if there is none.
-        database: the DBC file as cantools has read it.
+        bit_rate: bits per second of the bus: the DBC's attribute Baudrate.
         names: message names, sorted by identifier.
         replaced: counts the values that `encode` has replaced.
     """
@@ -92,13 +94,13 @@ class Codec:
 
         Raises:
             BadInput: the file is missing, not a valid DBC, or uses features that this codec does not support (see
-                `_describe`).
+                `bench.bus.dbc.describe`).
         """
         try:
             dbc = dbc_path.read_bytes()
         except OSError as error:
             raise BadInput(f"{dbc_path}: cannot read the DBC file: {error.strerror}") from error
-        self._set_up(dbc, dbc_path.name, str(dbc_path))
+        self._set_up(dbc, dbc_path.name, str(dbc_path), to_be_kept=dbc_path.parent == DBC_DIR)
 
     @classmethod
     def from_bytes(cls, dbc: bytes, file_name: str) -> "Codec":
@@ -114,29 +116,46 @@ class Codec:
     @classmethod
     def without_messages(cls) -> "Codec":
         """Return the codec of a bus that no DBC file describes."""
-        codec = cls.from_bytes(b'VERSION ""\n', "")
+        codec = cls.from_bytes(_NO_MESSAGES, "")
         codec.dbc = b""
         return codec
 
-    def _set_up(self, dbc: bytes, file_name: str, where: str) -> None:
+    def _set_up(self, dbc: bytes, file_name: str, where: str, to_be_kept: bool = False) -> None:
         try:
-            database, described = _parsed(dbc)
+            bit_rate, messages = _messages(dbc, to_be_kept)
         except BadInput as error:
             raise BadInput(f"{where}: {error}") from error
-        layouts = [each.layout for each in described]
+        layouts = [each.layout for each in messages]
         self.file_name = file_name
         self.dbc = dbc
-        self.database = database
+        self.bit_rate = bit_rate or DEFAULT_BIT_RATE
         self.names = tuple(layout.name for layout in layouts)
         self.replaced = Replaced()
-        self._bits = {each.layout.name: each.bits for each in described}
+        self._described = {each.layout.name: each.described for each in messages}
+        self._bits = {each.layout.name: each.bits for each in messages}
         self._by_name = {layout.name: layout for layout in layouts}
         self._by_id = {layout.can_id: layout for layout in layouts}
         self._data_ids = {layout.can_id: layout.data_id for layout in layouts if layout.data_id}
-        self._wall_clock = frozenset(each.layout.can_id for each in described if each.wall_clock)
+        self._wall_clock = frozenset(each.layout.can_id for each in messages if each.described.is_wall_clock)
 
-    def message(self, name: str) -> Message:
-        """Return cantools' description of a message: identifier, senders, signals, cycle time, comments.
+    @property
+    def database(self) -> "Database":
+        """The DBC file as cantools reads it, which this loads."""
+        from bench.bus.dbc import database_of
+
+        return database_of(self.dbc or _NO_MESSAGES)
+
+    def described(self, name: str) -> MessageDescription:
+        """Return what the DBC says of a message: identifier, senders, signals, cycle time, comments.
+
+        Raises:
+            EncodeError: the DBC has no such message.
+        """
+        self.layout(name)
+        return self._described[name]
+
+    def message(self, name: str) -> "Message":
+        """Return cantools' form of a message; this loads cantools, which `described` does not.
 
         Raises:
             EncodeError: the DBC has no such message.
@@ -216,12 +235,6 @@ class Codec:
         return self.replaced.saturated
 
     @property
-    def bit_rate(self) -> int:
-        """Bits per second of the bus: the DBC's attribute Baudrate."""
-        attributes = self.database.dbc.attributes if self.database.dbc else {}
-        return int(attributes["Baudrate"].value) if "Baudrate" in attributes else DEFAULT_BIT_RATE
-
-    @property
     def can_ids(self) -> tuple[int, ...]:
         """The identifiers of all messages, highest priority first."""
         return tuple(self._by_id)
@@ -232,7 +245,7 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        return max(1, round((self.message(name).cycle_time or 0) / CYCLE_MS))
+        return max(1, round(self.described(name).cycle_time_ms / CYCLE_MS))
 
     def timeout_cycles(self, name: str) -> int:
         """Return the number of cycles without a valid frame after which the message `name` is lost.
@@ -242,8 +255,7 @@ class Codec:
         Raises:
             EncodeError: the DBC has no such message.
         """
-        timeout_ms = float(_attribute(self.message(name), "GenMsgTimeoutTime", 0))
-        return round(timeout_ms / CYCLE_MS) or DEFAULT_TIMEOUT_CYCLES * self.period(name)
+        return round(self.described(name).timeout_ms / CYCLE_MS) or DEFAULT_TIMEOUT_CYCLES * self.period(name)
 
     def can_id(self, name: str) -> int:
         """Return the identifier of the message `name`.
@@ -318,115 +330,52 @@ def bus_names(vehicles: int) -> tuple[str, ...]:
     return (V2V, *map(vehicle_bus, range(1, vehicles + 1)))
 
 
-def dbc_text(dbc: bytes) -> str:
-    """Return a DBC file's content as text: UTF-8 with or without a byte order mark, else Windows-1252.
-
-    The format does not specify an encoding. Windows tools write the latter; an undefined byte becomes U+FFFD.
-    """
-    try:
-        text = dbc.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = dbc.decode("cp1252", errors="replace")
-    return text.replace("\r\n", "\n")
-
-
-MOST_DBC_BYTES = 2 * 1024 * 1024
-"""Limit on a DBC file, some 20 times the larger one of the bench."""
+_NO_MESSAGES = b'VERSION ""\n'
 
 
 @lru_cache(maxsize=16)
-def _parsed(dbc: bytes) -> tuple[Database, tuple[_Described, ...]]:
-    """Return a DBC file's content and the tables of its messages, by identifier.
+def _messages(dbc: bytes, to_be_kept: bool) -> tuple[int, tuple[_Message, ...]]:
+    """Return a DBC file's bit rate, 0 if absent, and its messages by identifier.
 
     Raises:
-        BadInput: it is not a valid DBC, or uses features that this codec does not support (see `_describe`).
+        BadInput: as `bench.bus.dbc.describe`.
     """
-    if len(dbc) > MOST_DBC_BYTES:
-        raise BadInput(f"the DBC file has {len(dbc)} bytes; allowed: at most {MOST_DBC_BYTES}")
-    try:
-        database = load_string(dbc_text(dbc), database_format="dbc", strict=True)
-    except CantoolsError as error:
-        raise BadInput(f"not a valid DBC file: {error}") from error
-    if not isinstance(database, Database):
-        raise BadInput("not a DBC file of a CAN bus")
-    described = (_describe(message) for message in database.messages)
-    return database, tuple(sorted(described, key=lambda each: each.layout.can_id))
+    bus = description_of(dbc, to_be_kept)
+    return bus.bit_rate, tuple(map(_message, bus.messages))
 
 
-def _describe(message: Message) -> _Described:
-    """Return the tables of one message.
-
-    Raises:
-        BadInput: a signal is multiplexed, in Motorola byte order, a float of other than 32 bits or without a range; or
-            the CRC and AliveCounter of a protected message are not where E2E Profile 1 has them.
-    """
-    for signal in message.signals:
-        _check_codable(message, signal)
-    data_id = int(_attribute(message, "E2EDataId", 0))
-    if data_id:
-        _check_protection(message)
+def _message(described: MessageDescription) -> _Message:
+    """Return the tables of one message."""
     # Floats are last in what `encode` and `decode` go through, as in logs of all versions.
-    ordered = sorted(message.signals, key=lambda signal: bool(signal.is_float))
+    ordered = sorted(described.signals, key=lambda signal: signal.is_float)
     fields = {signal.name: _field(signal) for signal in ordered}
+    data_id = described.data_id
+    computed = (e2e.CRC_SIGNAL, e2e.COUNTER_SIGNAL) if data_id else ()
     layout = Layout(
-        name=message.name,
-        can_id=message.frame_id,
-        length=message.length,
+        name=described.name,
+        can_id=described.can_id,
+        length=described.length,
         data_id=data_id,
         crc_of_id=e2e.crc_of_id(data_id),
         fields=tuple(fields.values()),
-        encoded=tuple(each for name, each in fields.items() if not (data_id and name in _E2E_SIGNALS)),
-        states=tuple((s.name, frozenset(map(int, s.choices))) for s in message.signals if s.choices),
+        encoded=tuple(each for name, each in fields.items() if name not in computed),
+        states=tuple((each.name, frozenset(each.texts)) for each in described.signals if each.choices),
     )
-    bits = tuple(_bits(fields[signal.name]) for signal in message.signals)
-    return _Described(layout, bits, _attribute(message, "WallClock", "No") == "Yes")
+    return _Message(described, layout, tuple(_bits(fields[signal.name]) for signal in described.signals))
 
 
-_E2E_SIGNALS = {e2e.CRC_SIGNAL: (0, 8), e2e.COUNTER_SIGNAL: (8, 4)}
-"""First bit and number of bits, as E2E Profile 1 has them."""
-
-
-def _check_codable(message: Message, signal: Signal) -> None:
-    where = f"message {message.name}, signal {signal.name}"
-    if signal.byte_order != "little_endian" or message.is_multiplexed():
-        raise BadInput(f"{where}: only signals in Intel byte order without multiplexing are supported")
-    if signal.is_float and signal.length != 32:
-        raise BadInput(f"{where}: a float of {signal.length} bits is not supported; allowed: 32")
-    if signal.length > 64:
-        raise BadInput(f"{where}: {signal.length} bits are not supported; allowed: up to 64")
-    if signal.is_float and (signal.scale != 1 or signal.offset != 0):
-        raise BadInput(f"{where}: a float must have scale 1 and offset 0")
-    if not signal.scale:
-        raise BadInput(f"{where}: its scale is 0")
-    if signal.minimum is None or signal.maximum is None:
-        raise BadInput(f"{where}: give it a range, [minimum|maximum]")
-    if not signal.is_float:
-        raw_low = -(1 << signal.length - 1) if signal.is_signed else 0
-        raw_high = raw_low + (1 << signal.length) - 1
-        ends = ((end - signal.offset) / signal.scale for end in (signal.minimum, signal.maximum))
-        if not all(raw_low <= round(raw) <= raw_high for raw in ends):
-            raise BadInput(f"{where}: its range does not fit into {signal.length} bits")
-
-
-def _check_protection(message: Message) -> None:
-    for name, (start, length) in _E2E_SIGNALS.items():
-        if not any((s.name, s.start, s.length) == (name, start, length) for s in message.signals):
-            need = f"a signal {name} of {length} bits at bit {start}"
-            raise BadInput(f"message {message.name}: it has an E2EDataId, so it needs {need}")
-
-
-def _field(signal: Signal) -> Field:
+def _field(signal: SignalDescription) -> Field:
     is_signed = signal.is_signed and not signal.is_float
     return Field(
         signal=signal.name,
-        shift=signal.start,
+        shift=signal.start_bit,
         mask=(1 << signal.length) - 1,
         sign=1 << (signal.length - 1) if is_signed else 0,
-        scale=float(signal.scale),
-        offset=float(signal.offset),
-        low=float(signal.minimum or 0),
-        high=float(signal.maximum or 0),
-        start=float((signal.raw_initial or 0) * signal.scale + signal.offset),
+        scale=signal.scale,
+        offset=signal.offset,
+        low=signal.low,
+        high=signal.high,
+        start=signal.start,
         is_float=signal.is_float,
     )
 
@@ -435,12 +384,3 @@ def _bits(field: Field) -> SignalBits:
     return SignalBits(
         field.signal, field.shift, field.mask, field.sign, field.scale, field.offset, bool(field.is_float)
     )
-
-
-def _attribute(message: Message, name: str, absent: float | str) -> float | str:
-    """Return an attribute of the message; an ENUM attribute as its text."""
-    attribute = message.dbc.attributes.get(name) if message.dbc else None
-    if attribute is None:
-        return absent
-    choices = attribute.definition.choices
-    return choices[int(attribute.value)] if choices else attribute.value

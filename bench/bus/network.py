@@ -116,7 +116,7 @@ def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[T
     """
     found = []
     for name in codec.names:
-        message, can_id = codec.message(name), codec.can_id(name)
+        message, can_id = codec.described(name), codec.can_id(name)
         sender = process_of(bus, message.senders[0]) if message.senders else ""
         if not _is_there(sender, vehicles):
             continue
@@ -130,7 +130,7 @@ def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[T
                 receivers=frozenset(process for process in receivers if _is_there(process, vehicles)),
                 length=message.length,
                 protected=codec.is_protected(can_id),
-                period=codec.period(name) if message.cycle_time else 0,
+                period=codec.period(name) if message.cycle_time_ms else 0,
             )
         )
     return found

@@ -60,7 +60,7 @@ class Recorder:
             (bus, codec.can_id(name))
             for bus, codec in codecs.items()
             for name in codec.names
-            if any(signal.name == _LOST for signal in codec.message(name).signals)
+            if any(signal.name == _LOST for signal in codec.described(name).signals)
         }
         self._health: dict[tuple[str, int], bytes] = {}
         self._told: dict[tuple[str, int], dict[str, int]] = {}

@@ -28,7 +28,7 @@ class Refusals:
     def __init__(self, codecs: Mapping[str, Codec]) -> None:
         """Begin with none."""
         self._forms = {
-            bus: {codec.can_id(name): (codec.message(name).length, codec.data_id(name)) for name in codec.names}
+            bus: {codec.can_id(name): (codec.layout(name).length, codec.data_id(name)) for name in codec.names}
             for bus, codec in codecs.items()
         }
         self._counts: dict[str, dict[Refusal, Counter[int | None]]] = {bus: {} for bus in codecs}

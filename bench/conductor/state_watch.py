@@ -87,16 +87,10 @@ class StateWatch:
 
 
 def _watched(bus: str, name: str, codec: Codec) -> _Watched:
-    message = codec.message(name)
-    fields = {
-        bits.signal: _Field(bits, _texts(message.get_signal_by_name(bits.signal).choices)) for bits in codec.bits(name)
-    }
+    message = codec.described(name)
+    fields = {bits.signal: _Field(bits, message.signal(bits.signal).texts) for bits in codec.bits(name)}
     sender = process_of(bus, message.senders[0])
     source = f"{bus}.{ACTUATORS}" if sender == PLANT else sender
     state, cause = fields[_STATES[name]], fields.get(_CAUSE)
     mask = sum(each.bits.mask << each.bits.shift for each in (state, cause) if each)
     return _Watched(source, message.length, mask, state, cause)
-
-
-def _texts(choices: Mapping[int, object] | None) -> dict[int, str]:
-    return {int(value): str(text) for value, text in (choices or {}).items()}

@@ -165,7 +165,7 @@ class EcuBase(ABC):
 
     def _sends(self, message: str) -> bool:
         """Whether the DBC has a vehicle's bus message as one of this role."""
-        return self.role.capitalize() in _vehicle_codec().message(message).senders
+        return self.role.capitalize() in _vehicle_codec().described(message).senders
 
     def _topic(self, message: str) -> Topic:
         return Topic(self._bus, message)

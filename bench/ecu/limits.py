@@ -40,11 +40,10 @@ def limits_of(dbc: str, message: str) -> Mapping[str, Limit]:
         message: name of the message in it.
     """
     limits = {}
-    for signal in Codec(DBC_DIR / dbc).message(message).signals:
-        rate = signal.dbc.attributes.get("GenSigRateMax") if signal.dbc else None
+    for signal in Codec(DBC_DIR / dbc).described(message).signals:
         # Rounding can add half a quantum at either end.
-        change = float(rate.value) * CYCLE_S + signal.scale if rate is not None and rate.value else math.inf
-        limits[signal.name] = Limit(float(signal.minimum or 0.0), float(signal.maximum or 0.0), change)
+        change = signal.most_change_per_s * CYCLE_S + signal.scale if signal.most_change_per_s else math.inf
+        limits[signal.name] = Limit(signal.low, signal.high, change)
     return limits
 
 

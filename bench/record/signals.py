@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import cython
 import numpy as np
 import numpy.typing as npt
-from cantools.database.can.signal import Signal
 
 from bench.bus.codec import Codec, SignalBits
+from bench.bus.description import SignalDescription
 from bench.errors import BadInput
 from bench.record.can_frame import MAX_DATA
 from bench.record.layout import Field, Kind, Layout, file_descriptor_set, identifier
@@ -54,7 +54,7 @@ def signal_message(package: str, codec: Codec, name: str) -> SignalMessage:
     Raises:
         BadInput: the message is longer than 8 bytes, or has a signal wider than 53 bits.
     """
-    message = codec.message(name)
+    message = codec.described(name)
     if message.length > MAX_DATA:
         raise BadInput(f"DBC message {name}: {message.length} bytes; the recorder takes messages of at most {MAX_DATA}")
     for signal in message.signals:
@@ -67,31 +67,30 @@ def signal_message(package: str, codec: Codec, name: str) -> SignalMessage:
     schema_name = f"{package}.{identifier(name)}"
     units = {f"unit {field.name}": field.unit for field in layout.fields if field.unit}
     return SignalMessage(
-        can_id=message.frame_id,
+        can_id=message.can_id,
         name=name,
         length=message.length,
         layout=layout,
         bits=codec.bits(name),
         schema_name=schema_name,
-        schema=file_descriptor_set(schema_name, layout, message.comment or ""),
+        schema=file_descriptor_set(schema_name, layout, message.comment),
         channel_metadata={
-            "can_id": f"0x{message.frame_id:03X}",
+            "can_id": f"0x{message.can_id:03X}",
             "sender": ", ".join(message.senders),
-            "wall_clock": "yes" if codec.is_wall_clock(message.frame_id) else "no",
+            "wall_clock": "yes" if codec.is_wall_clock(message.can_id) else "no",
             **units,
         },
     )
 
 
-def _field(signal: Signal) -> Field:
-    names = {int(number): str(name) for number, name in (signal.choices or {}).items()}
-    return Field(identifier(signal.name), _kind(signal), signal.unit or "", signal.comment or "", names)
+def _field(signal: SignalDescription) -> Field:
+    return Field(identifier(signal.name), _kind(signal), signal.unit, signal.comment, signal.texts)
 
 
-def _kind(signal: Signal) -> Kind:
+def _kind(signal: SignalDescription) -> Kind:
     if signal.is_float:
         return "float"
-    whole = float(signal.scale).is_integer() and float(signal.offset).is_integer()
+    whole = signal.scale.is_integer() and signal.offset.is_integer()
     if signal.choices and not signal.is_signed and signal.length <= 7 and signal.scale == 1 and signal.offset == 0:
         return "enum"
     if whole and signal.scale == 1 and signal.offset == 0 and signal.length <= 32:

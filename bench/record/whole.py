@@ -20,7 +20,7 @@ def whole(table: npt.NDArray[Any], codec: Codec) -> npt.NDArray[np.bool_]:
     """
     found = np.zeros(len(table), np.bool_)
     for name in codec.names:
-        length, data_id = codec.message(name).length, codec.data_id(name)
+        length, data_id = codec.layout(name).length, codec.data_id(name)
         rows = np.flatnonzero((table["can_id"] == codec.can_id(name)) & (table["length"] == length))
         if data_id:
             rows = rows[_is_valid(table["data"][rows, :length], data_id)]
@@ -30,7 +30,7 @@ def whole(table: npt.NDArray[Any], codec: Codec) -> npt.NDArray[np.bool_]:
 
 def whole_length(table: npt.NDArray[Any], codec: Codec) -> npt.NDArray[np.bool_]:
     """Return which frames (n,) of a bus have the length that its DBC gives their message."""
-    lengths = {codec.can_id(name): codec.message(name).length for name in codec.names}
+    lengths = {codec.can_id(name): codec.layout(name).length for name in codec.names}
     found = np.zeros(len(table), np.bool_)
     for can_id, length in lengths.items():
         found |= (table["can_id"] == can_id) & (table["length"] == length)

@@ -282,7 +282,7 @@ class RunWriter:
         messages: list[SignalMessage] = []
         places: dict[tuple[str, bytes], int] = {}
         # `veh1` and `veh2` share their schemas, as `veh`.
-        described: dict[tuple[str, int], list[SignalMessage]] = {}
+        described: dict[tuple[str, bytes], list[SignalMessage]] = {}
         self._raw_channels: list[int] = []
         self._plan_channels: dict[int, tuple[str, int, SignalMessage]] = {}
         decoded: dict[int, _Decoded] = {}
@@ -291,7 +291,7 @@ class RunWriter:
             about = {"bus": bus, dbc_files.METADATA: dbc_names[bus]}
             self._raw_channels.append(self._file.add_channel(f"/can/{bus}", raw_schema, about))
             package = f"platoon.{bus.rstrip('0123456789')}"
-            form = package, id(codec.database)
+            form = package, codec.dbc
             if form not in described:
                 described[form] = [signal_message(package, codec, name) for name in codec.names]
             for message in described[form]:

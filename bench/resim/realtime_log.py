@@ -53,7 +53,7 @@ class Feed:
         codec, table = self._log.codecs[bus], self._log.buses[bus].table
         if name not in codec.names:
             return np.zeros((2, 0), np.int64)
-        rows = table[(table["can_id"] == codec.can_id(name)) & (table["length"] == codec.message(name).length)]
+        rows = table[(table["can_id"] == codec.can_id(name)) & (table["length"] == codec.layout(name).length)]
         times = [codec.decode(can_id, data)[1].get(_STEP_TIME, 0.0) for _, can_id, data in frames_of(bus, rows)]
         timed = np.array([rows["receive"], np.array(times) * 1000], np.int64)
         return timed[:, np.argsort(timed[0], kind="stable")]

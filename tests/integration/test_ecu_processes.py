@@ -7,7 +7,8 @@ import pytest
 from bench.ecu.loading import DEFAULT_ECUS
 from tests.integration.conftest import SIMPLE
 
-OTHERS = ("casadi", "cvxpy", "Vehicle", "polars", "zstandard")
+# cantools is seen by the library of its bitstruct.
+OTHERS = ("casadi", "cvxpy", "Vehicle", "polars", "zstandard", "bitstruct")
 SOLVERS = ("scipy", "clarabel")
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
-from bench.bus.codec import MOST_DBC_BYTES, Codec
+from bench.bus.codec import Codec
+from bench.bus.dbc import MOST_DBC_BYTES
 from bench.errors import BadInput
 from bench.mcap import limits
 from bench.record import can_frame, event, reader

@@ -4,7 +4,6 @@ from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address, bus_number, settle
 from bench.bus.link.base import Link, LinkError
 from bench.bus.link.direct import DirectLink
-from bench.bus.link.interface import open_interface
 from bench.bus.link.socketcan import SocketcanLink
 from bench.bus.link.udp import UdpLink, reserve_udp_ports
 from bench.errors import BadInput
@@ -27,6 +26,9 @@ def open_link(bus: str, address: Address) -> Link:
         return UdpLink(bus, place.port, place.device)
     if place.interface == "socketcan":
         return SocketcanLink(bus, place.channel)
+    # Imported here: only other interfaces need python-can.
+    from bench.bus.link.interface import open_interface
+
     return open_interface(bus, place, _bit_rate(bus))
 
 

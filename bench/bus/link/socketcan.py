@@ -6,11 +6,9 @@ import struct
 import sys
 from collections.abc import Collection
 
-from can.interfaces.socketcan import SocketcanBus
-
 from bench.bus.frame import CanFrame
 from bench.bus.link.kernel_links import check_links
-from bench.bus.link.sockets import SocketLink
+from bench.bus.link.sockets import Opened, SocketLink
 from bench.errors import BadInput
 from bench.events import Refusal
 
@@ -65,8 +63,11 @@ class SocketcanLink(SocketLink):
         return CanFrame(can_id, data[:length])
 
 
-def _open(name: str, channel: str) -> SocketcanBus:
+def _open(name: str, channel: str) -> Opened:
     check_links([channel])
+    # Imported here: no other bus needs python-can.
+    from can.interfaces.socketcan import SocketcanBus
+
     try:
         return SocketcanBus(channel)
     except OSError as error:

@@ -10,8 +10,6 @@ from contextlib import ExitStack, contextmanager
 from socket import AF_INET, SO_REUSEADDR, SO_REUSEPORT, SOCK_DGRAM, SOCK_STREAM, SOL_SOCKET, socket
 from typing import Any
 
-from can.interfaces.udp_multicast import UdpMulticastBus
-
 from bench.bus.frame import CanFrame
 from bench.bus.link.base import EXTENDED
 from bench.bus.link.multicast import MulticastSocket
@@ -19,7 +17,8 @@ from bench.bus.link.sockets import SocketLink
 from bench.errors import BadInput
 from bench.events import Refusal
 
-GROUP = UdpMulticastBus.DEFAULT_GROUP_IPv4
+GROUP = "239.74.163.2"
+"""python-can's default, which is not imported here: that takes longer than all else of a link."""
 
 FIRST_PORT = 43113
 """Port of the v2v bus if it is free: python-can's default, so that its tools attach without a port."""

@@ -76,8 +76,8 @@ def streams(bus: str, codec: Codec, vehicles: int) -> list[Stream]:
     found = []
     for each in transmissions(bus, codec, vehicles):
         if each.period and each.message != BENCH_ABSENT:
-            message = codec.message(each.message)
-            can_id = each.can_id | (EXTENDED if message.is_extended_frame else 0)
+            message = codec.described(each.message)
+            can_id = each.can_id | (EXTENDED if message.is_extended else 0)
             found.append(Stream(each.message, can_id, message.length, each.period * CYCLE_NS))
     return _by_priority(found)
 
