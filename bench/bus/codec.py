@@ -177,7 +177,7 @@ class Codec:
         if layout is None:
             layout = self.layout(name)
         try:
-            return CanFrame(layout.can_id, layout.encode(values, counter, self.replaced, False))
+            return CanFrame(layout.can_id, layout.encode(values, counter % e2e.COUNTER_MODULUS, self.replaced, False))
         except KeyError as error:
             given = ", ".join(values)
             raise EncodeError(f"message {name}: signal {error} has no value; given: {given}") from None

@@ -62,12 +62,18 @@ def compile_modules(say: Callable[[str], None] = lambda _: None) -> Path:
     try:
         objects = root / "objects"
         objects.mkdir(parents=True, exist_ok=True)
-        keys = {name: _key(name) for name in COMPILED}
-        missing = [name for name, key in keys.items() if not (objects / f"{key}{SUFFIX}").is_file()]
+        state = sources_hash()
+        libraries = {name: objects / f"{_key(name)}{SUFFIX}" for name in COMPILED}
+        missing = {name: library for name, library in libraries.items() if not library.is_file()}
         if missing:
-            say(f"compiling {counted(len(missing), 'module')} (about a minute)")
-            _compile([(name, objects / f"{keys[name]}{SUFFIX}") for name in missing])
-        folder = _collected(root, {name: objects / f"{key}{SUFFIX}" for name, key in keys.items()})
+            say(f"compiling {counted(len(missing), 'module')} (one to three minutes)")
+            _compile(list(missing.items()))
+        if sources_hash() != state:
+            # A file was edited meanwhile, so a library may be of another text than its name says.
+            for library in missing.values():
+                library.unlink(missing_ok=True)
+            return compile_modules(say)
+        folder = _collected(root / state, libraries)
     except OSError as error:
         raise BadInput(
             f"the bench is to be compiled, but {root} cannot be written: {error.strerror}; {_mend()}"
@@ -138,10 +144,9 @@ def _cimported(text: str) -> set[str]:
     return {(name.split() or [""])[0] for name in named}
 
 
-def _collected(root: Path, libraries: dict[str, Path]) -> Path:
-    """Put the libraries into the folder of the present sources, which appears whole or not at all."""
-    folder = root / sources_hash()
-    partial = Path(tempfile.mkdtemp(dir=root, prefix=".part-"))
+def _collected(folder: Path, libraries: dict[str, Path]) -> Path:
+    """Put the libraries into this folder, which appears whole or not at all."""
+    partial = Path(tempfile.mkdtemp(dir=folder.parent, prefix=".part-"))
     try:
         partial.chmod(0o755)
         for name, library in libraries.items():
