@@ -25,7 +25,8 @@ class Span(NamedTuple):
 
     Attributes:
         start_ns, end_ns: from the first, until before the second.
-        chunks: those that hold data of it, or of the time just before that is valid in its first cycles.
+        chunks: those that hold data of it, of the time just before that is valid in its first cycles, or of the time
+            just after to which its curves lead.
     """
 
     start_ns: int
@@ -59,4 +60,5 @@ class Cursor:
         end = min(start + SPAN_NS, tail.newest_ns + 1 if tail.ended else complete)
         if end <= start:
             return None
-        return Span(start, end, [chunk for chunk in later if chunk.start_ns < end])
+        # A curve goes straight on to the frame after the span.
+        return Span(start, end, [chunk for chunk in later if chunk.start_ns < end + LAG_NS])

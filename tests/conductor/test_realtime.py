@@ -205,9 +205,9 @@ def test_a_late_frame_belongs_to_the_cycle_of_its_counter(conduct: Conduct) -> N
     found = conduct(parts, 6)
     assert found.conductor.misses == {"veh1.plant": 0, "veh1.planner": 0, "veh1.tracker": 1}
     steering = CODECS["veh1"].can_id("SteeringCommand")
-    timing_id = CODECS["veh1"].can_id("TrackerTiming")
+    status = CODECS["veh1"].can_id("TrackerStatus")
     table = found.log.frame_table("veh1")
-    for can_id in (steering, timing_id):
+    for can_id in (steering, status):
         # The one with a counter, and the one without that came with it.
         rows = table[(table["can_id"] == can_id) & (table["time"] == 2 * CYCLE_NS)]
         assert (rows["receive"] - START_NS).tolist() == [2 * CYCLE_NS + round(11.5 * MS)]
@@ -398,4 +398,4 @@ def test_where_nobody_is_late_the_frames_are_those_of_lockstep(tmp_path: Path, m
             got = sorted(frame for frame in heard.by_cycle[cycle, bus] if frame[0] not in left_out)
             assert got == expected, f"cycle {cycle} on {bus}"
             compared += len(got)
-    assert compared >= 60 * scenario.cycles
+    assert compared >= 50 * scenario.cycles

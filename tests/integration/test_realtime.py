@@ -105,6 +105,6 @@ def test_a_bus_that_would_be_overloaded_is_refused_before_anything_starts(tmp_pa
         (tmp_path / name).write_text(text, encoding="cp1252")
     monkeypatch.setattr(codec, "DBC_DIR", tmp_path)
     out = tmp_path / "run.mcap"
-    with pytest.raises(BadInput, match=r"bus veh1 to veh3: overloaded: .* of 125 kbit/s.* set Baudrate to 500000"):
+    with pytest.raises(BadInput, match=r"bus veh1 to veh3: overloaded: .* of 125 kbit/s.* set Baudrate to 250000"):
         run(RunOptions(load("formation"), address=Address.parse("direct"), out=out, command_line=[]))
     assert not out.exists()
