@@ -15,7 +15,7 @@ from bench.cli.machine_code import use_machine_code
 from bench.cli.options import EXIT_CODES, LOGS, Buses, LiveOrigins, Overrides, ScenarioName, Seed, report_path
 from bench.cli.output import message
 from bench.errors import BadInput
-from bench.files import check_directory, check_new
+from bench.files import already_exists, check_directory, check_new
 from bench.label import checked_label
 
 if TYPE_CHECKING:
@@ -363,6 +363,8 @@ def _log_path(out: Path | None, name: str, *, with_report: bool) -> Path:
     try:
         out.touch(exist_ok=False)
         out.unlink()
+    except FileExistsError as error:
+        raise already_exists(out, "--out") from error
     except OSError as error:
         raise BadInput(f"{out} cannot be created: {error.strerror}") from error
     return out

@@ -31,6 +31,7 @@ from bench.conductor.trial import try_ecus
 from bench.errors import BadInput, BenchError, RunFailed
 from bench.events import FramesLost, FramesRefused, ProcessOutput, RunEnded
 from bench.faults.plan import FaultBoard, FaultPlan
+from bench.files import already_exists
 from bench.names import CONDUCTOR
 from bench.plant.description import read_description
 from platoon_fmu.build import default_fmu
@@ -151,7 +152,7 @@ def _checked(options: RunOptions) -> tuple[list[EcuSlot], Path]:
         BadInput: the run is not possible.
     """
     if options.out.exists():
-        raise BadInput(f"the log {options.out} already exists; give another file with --out, or remove it")
+        raise already_exists(options.out, "--out")
     require_files(LEAST_FILES + FILES_OF_VEHICLE * options.vehicles)
     fmu = options.fmu or _built_fmu()
     free = free_slots(options.without, options.vehicles, options.address)

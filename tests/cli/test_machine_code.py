@@ -36,7 +36,7 @@ def command(copy: Path, *arguments: str, **settings: str) -> "subprocess.Complet
 
 def test_a_run_compiles_what_is_not_and_then_runs_compiled(copy):
     first = command(copy, *RUN)
-    assert "platoon: first use: compiling 1 module (about a minute) ..." in first.stderr
+    assert "platoon: first use: compiling 1 module (one to three minutes) ..." in first.stderr
     assert Run(copy / "run.mcap").metadata["code"] == "compiled"
     assert list((copy / "build/compiled").glob(f"*/bench.control.matrices{SUFFIX}"))
     (copy / "run.mcap").unlink()
