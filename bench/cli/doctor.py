@@ -108,7 +108,7 @@ def _machine_code() -> Finding:
         require_compiler()
     except BadInput as error:
         return Finding("machine code", False, str(error), f"or interpreted, {SLOWER}: {INTERPRETED}=1", True)
-    return Finding("machine code", False, "the bench is not compiled", "the next run does it, in about a minute")
+    return Finding("machine code", False, "the bench is not compiled", "the next run does it, in one to three minutes")
 
 
 def _fmu() -> Finding:
