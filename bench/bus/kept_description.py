@@ -4,8 +4,6 @@ The text depends only on the DBC's content and on the code that reads it, whose 
 """
 
 import hashlib
-import os
-import tempfile
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
@@ -13,6 +11,7 @@ from pathlib import Path
 
 from bench.bus.description import BusDescription, as_json, from_json
 from bench.compiled.finder import library_folder
+from bench.compiled.kept import keep
 
 _READERS = tuple(Path(__file__).with_name(name) for name in ("dbc.py", "description.py"))
 
@@ -40,7 +39,7 @@ def description_of(dbc: bytes, to_be_kept: bool) -> BusDescription:
     if to_be_kept:
         text = as_json(bus)
         with suppress(OSError):
-            _keep(_mark(key, text) + b"\n" + text, file)
+            keep(_mark(key, text) + b"\n" + text, file)
     return bus
 
 
@@ -61,12 +60,3 @@ def _readers_hash() -> bytes:
 def _mark(key: str, text: bytes) -> bytes:
     """Return what tells a whole file from a damaged one, or one of another name."""
     return hashlib.sha256(key.encode() + text).hexdigest().encode()
-
-
-def _keep(content: bytes, file: Path) -> None:
-    """Write the file whole or not at all: several processes of a run may do it at once."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, prefix=".part-")
-    with os.fdopen(handle, "wb") as part:
-        part.write(content)
-    Path(name).replace(file)

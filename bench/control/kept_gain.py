@@ -6,8 +6,6 @@ The gain depends only on the arguments and on the design's text, whose hash name
 
 import hashlib
 import io
-import os
-import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.compiled.finder import library_folder
+from bench.compiled.kept import keep
 from bench.control.observer import augmented
 
 Matrix = NDArray[np.float64]
@@ -38,7 +37,9 @@ def observer_gain(models: Sequence[Matrix], step_s: float, rate: float) -> Matri
 
     gain = design_gain(models, step_s, rate)
     with suppress(OSError):
-        _keep(gain, file)
+        content = io.BytesIO()
+        np.save(content, gain)
+        keep(content.getvalue(), file)
     return gain
 
 
@@ -53,12 +54,3 @@ def _radius(A: Matrix, gain: Matrix, step_s: float) -> float:
     closed = augmented(A, step_s)
     closed[:, : gain.shape[1]] += gain
     return float(np.abs(np.linalg.eigvals(closed)).max()) if np.isfinite(closed).all() else np.inf
-
-
-def _keep(gain: Matrix, file: Path) -> None:
-    """Write the file whole or not at all: several trackers of a run may do it at once."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, prefix=".part-")
-    with os.fdopen(handle, "wb") as part:
-        np.save(part, gain)
-    Path(name).replace(file)
