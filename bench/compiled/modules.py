@@ -18,6 +18,7 @@ COMPILED: tuple[str, ...] = (
     "bench.conductor.cycle",
     "bench.control.boundaries",
     "bench.control.certificate",
+    "bench.control.flat_matrices",
     "bench.control.flocking",
     "bench.control.genetic",
     "bench.control.matrices",

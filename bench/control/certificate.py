@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if cython.compiled:
-    from cython.cimports.bench.control.matrices import (
-        add,
+    from cython.cimports.bench.control.flat_matrices import (
         cholesky,
         complement,
         congruence,
@@ -26,8 +25,7 @@ if cython.compiled:
 else:
     from math import isfinite, sqrt
 
-    from bench.control.matrices import (
-        add,
+    from bench.control.flat_matrices import (
         cholesky,
         complement,
         congruence,
@@ -78,39 +76,39 @@ def proven_cost(
     room: cython.double[::1],
 ) -> cython.double:
     """See `certified_cost`; models as A (n, 3, 3) and B (n, 3, m), and NaN if nothing is proven."""
+    i: cython.Py_ssize_t
+    radius: cython.double = 0.0
+    reach: cython.double
+    cost: cython.double = 0.0
+    root: cython.double[9]
+    inverse: cython.double[9]
+    stage: cython.double[9]
+    step: cython.double[9]
+    if not cython.compiled:  # pragma: no branch
+        root, inverse, stage, step = [0.0] * 9, [0.0] * 9, [0.0] * 9, [0.0] * 9
     if not (_finite(P) and _finite(K)):
         return math.nan
     # In coordinates in which the ellipsoid is the unit ball, every condition is a bound on a norm.
-    root: cython.double[:, ::1] = np.empty((N, N))
-    inverse: cython.double[:, ::1] = np.empty((N, N))
     if not _set_coordinates(root, inverse, P):
         return math.nan
-    i: cython.Py_ssize_t
-    m: cython.Py_ssize_t = K.shape[0]
-    radius: cython.double = 0.0
     for i in range(N):
-        radius += (inverse[i, 0] * z[0] + inverse[i, 1] * z[1] + inverse[i, 2] * z[2]) ** 2
-    gain: cython.double[:, ::1] = np.empty((m, N))
-    _set_product(gain, K, root)
-    for i in range(m):
+        reach = inverse[3 * i] * z[0] + inverse[3 * i + 1] * z[1] + inverse[3 * i + 2] * z[2]
+        radius += reach * reach
+    # The stage cost is root'(I + rho K'K)root.
+    transposed_multiply(stage, root, root)
+    for i in range(K.shape[0]):
+        reach = _add_input_cost(stage, root, K[i], rho)
         # Written this way, a NaN room is rejected.
-        if not sqrt(radius * (gain[i, 0] ** 2 + gain[i, 1] ** 2 + gain[i, 2] ** 2)) <= 1.001 * room[i]:
+        if not sqrt(radius * reach) <= 1.001 * room[i]:
             return math.nan
-    stage: cython.double[:, ::1] = np.empty((N, N))
-    _set_stage_cost(stage, root, gain, rho)
-    cost: cython.double = 0.0
-    step: cython.double[:, ::1] = np.empty((N, N))
-    of_gain: cython.double[:, ::1] = np.empty((N, N))
     for i in range(A.shape[0]):
-        _set_product(step, A[i], root)
-        _set_product(of_gain, B[i], gain)
-        add(step, of_gain, 1.0)
-        multiply(of_gain, inverse, step)
-        cost = max(cost, _vertex_cost(of_gain, stage))
-    return cost * radius if cost < math.inf else math.nan
+        _set_loop(step, A[i], B[i], K)
+        cost = max(cost, _vertex_cost(step, root, inverse, stage))
+    return cost * radius if isfinite(cost) else math.nan
 
 
 @cython.cfunc
+@cython.exceptval(check=False)
 def _finite(matrix: cython.double[:, ::1]) -> cython.bint:
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
@@ -122,67 +120,89 @@ def _finite(matrix: cython.double[:, ::1]) -> cython.bint:
 
 
 @cython.cfunc
-def _set_coordinates(
-    root: cython.double[:, ::1], inverse: cython.double[:, ::1], P: cython.double[:, ::1]
-) -> cython.bint:
+@cython.exceptval(check=False)
+def _set_coordinates(root: cython.p_double, inverse: cython.p_double, P: cython.double[:, ::1]) -> cython.bint:
     """Set `root` and its inverse, `P = root root'`; False if the ellipsoid is too flat."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
-    values: cython.double[::1] = np.empty(N)
     width: cython.double
-    eigen(values, root, np.array(P))
+    values: cython.double[3]
+    if not cython.compiled:  # pragma: no branch
+        values = [0.0] * 3
+    for i in range(N):
+        for j in range(N):
+            inverse[3 * i + j] = P[i, j]
+    eigen(values, root, inverse, N)
     for j in range(N):
         if not values[j] > _SMALLEST_AXIS:
             return False
         width = sqrt(values[j])
         for i in range(N):
-            inverse[j, i] = root[i, j] / width
-            root[i, j] *= width
+            inverse[3 * j + i] = root[3 * i + j] / width
+            root[3 * i + j] *= width
     return True
 
 
 @cython.cfunc
-def _set_product(out: cython.double[:, ::1], a: cython.double[:, ::1], b: cython.double[:, ::1]) -> cython.void:
-    """Set `out = a b` for any number of inputs."""
+@cython.exceptval(check=False)
+def _add_input_cost(
+    stage: cython.p_double, root: cython.p_double, gain: cython.double[::1], rho: cython.double
+) -> cython.double:
+    """Add the cost of one input in these coordinates, and return the square of its largest value in the unit ball."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
-    k: cython.Py_ssize_t
-    for i in range(a.shape[0]):
-        for j in range(N):
-            out[i, j] = 0.0
-            for k in range(a.shape[1]):
-                out[i, j] += a[i, k] * b[k, j]
-
-
-@cython.cfunc
-def _set_stage_cost(
-    out: cython.double[:, ::1], root: cython.double[:, ::1], gain: cython.double[:, ::1], rho: cython.double
-) -> cython.void:
-    """Set `out = root'root + rho gain'gain`."""
-    i: cython.Py_ssize_t
-    j: cython.Py_ssize_t
-    k: cython.Py_ssize_t
-    transposed_multiply(out, root, root)
+    reach: cython.double = 0.0
+    row: cython.double[3]
+    if not cython.compiled:  # pragma: no branch
+        row = [0.0] * 3
+    for i in range(N):
+        row[i] = gain[0] * root[i] + gain[1] * root[3 + i] + gain[2] * root[6 + i]
+        reach += row[i] * row[i]
     for i in range(N):
         for j in range(N):
-            for k in range(gain.shape[0]):
-                out[i, j] += rho * gain[k, i] * gain[k, j]
+            stage[3 * i + j] += rho * row[i] * row[j]
+    return reach
 
 
 @cython.cfunc
-def _vertex_cost(step: cython.double[:, ::1], stage: cython.double[:, ::1]) -> cython.double:
-    """Return the smallest tau with `I - step'step >= stage / tau`; infinite if there is none."""
-    values: cython.double[::1] = np.empty(N)
-    shrink: cython.double[:, ::1] = np.empty((N, N))
-    factor: cython.double[:, ::1] = np.empty((N, N))
-    inverse: cython.double[:, ::1] = np.empty((N, N))
+@cython.exceptval(check=False)
+def _set_loop(
+    out: cython.p_double, A: cython.double[:, ::1], B: cython.double[:, ::1], K: cython.double[:, ::1]
+) -> cython.void:
+    """Set `out = A + B K`."""
+    i: cython.Py_ssize_t
+    j: cython.Py_ssize_t
+    k: cython.Py_ssize_t
+    for i in range(N):
+        for j in range(N):
+            out[3 * i + j] = A[i, j]
+            for k in range(K.shape[0]):
+                out[3 * i + j] += B[i, k] * K[k, j]
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _vertex_cost(
+    loop: cython.p_double, root: cython.p_double, inverse: cython.p_double, stage: cython.p_double
+) -> cython.double:
+    """Return the smallest tau with `I - step'step >= stage / tau`, step = inverse loop root; infinite if none."""
+    i: cython.Py_ssize_t
+    values: cython.double[3]
+    step: cython.double[9]
+    shrink: cython.double[9]
+    factor: cython.double[9]
+    if not cython.compiled:  # pragma: no branch
+        values, step, shrink, factor = [0.0] * 3, [0.0] * 9, [0.0] * 9, [0.0] * 9
+    multiply(shrink, inverse, loop)
+    multiply(step, shrink, root)
     transposed_multiply(factor, step, step)
     complement(shrink, factor)
     if not cholesky(factor, shrink):
         return math.inf
-    invert(inverse, factor)
-    congruence(shrink, inverse, stage, factor)
-    if not _finite(shrink):
-        return math.inf
-    eigen(values, factor, shrink)
+    invert(step, factor)
+    congruence(shrink, step, stage, factor)
+    for i in range(9):
+        if not isfinite(shrink[i]):
+            return math.inf
+    eigen(values, factor, shrink, N)
     return max(values[0], values[1], values[2])

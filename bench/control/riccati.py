@@ -18,10 +18,9 @@ so what is minimised is `log z'Wz` and a barrier, a small multiple of `-log det 
 """
 
 import cython
-import numpy as np
 
 if cython.compiled:
-    from cython.cimports.bench.control.matrices import (
+    from cython.cimports.bench.control.flat_matrices import (
         add,
         add_symmetric,
         cholesky,
@@ -32,7 +31,6 @@ if cython.compiled:
         invert,
         multiply,
         multiply_transposed,
-        scale,
         trace,
         transposed_multiply,
     )
@@ -40,7 +38,7 @@ if cython.compiled:
 else:
     from math import fabs, log
 
-    from bench.control.matrices import (
+    from bench.control.flat_matrices import (
         add,
         add_symmetric,
         cholesky,
@@ -51,19 +49,18 @@ else:
         invert,
         multiply,
         multiply_transposed,
-        scale,
         trace,
         transposed_multiply,
     )
 
 _DOUBLINGS = cython.declare(cython.int, 40)
 """Limit on doubling steps: 2^40 steps of the closed loop."""
-_CONVERGED = cython.declare(cython.double, 1e-12)
-"""Relative change of W in a doubling step below which it has converged."""
+_CONVERGED = cython.declare(cython.double, 1e-7)
+"""Relative change in a doubling step below which a sum has converged: the next one's is about its square."""
 _LARGEST = cython.declare(cython.double, 1e9)
 """W above this counts as unbounded."""
-
-
+_ROUNDING = cython.declare(cython.double, 1e-9)
+"""W may be less than Q by this much."""
 _BARRIER = cython.declare(cython.double, 1e-5)
 """Weight of the barrier: at the edge, it costs at most thrice as much of log z'Wz."""
 
@@ -83,12 +80,14 @@ class GameRiccati:
     def __init__(self, rho: cython.double) -> None:
         """Set the input weight, R = rho I."""
         self.rho = rho
-        self.W, self.costate, self.multiplier, self.gradient = (np.zeros((3, 3)) for _ in range(4))
-        self.A, self.H, self.N1, self.BB, self.NB, self.NN = (np.zeros((3, 3)) for _ in range(6))
-        self.HJ, self.M, self.a, self.g, self.w, self.G, self.A_hat = (np.zeros((3, 3)) for _ in range(7))
-        self.closed, self.T, self.X, self.step, self.S_inverse = (np.zeros((3, 3)) for _ in range(5))
         self.S_determinant = self.value = 0.0
-        self.one, self.two, self.three = (np.zeros((3, 3)) for _ in range(3))
+        if not cython.compiled:
+            # Compiled, they are arrays in the object.
+            self.W, self.costate, self.multiplier, self.gradient = ([0.0] * 9 for _ in range(4))
+            self.A, self.H, self.N1, self.BB, self.NB, self.NN = ([0.0] * 9 for _ in range(6))
+            self.HJ, self.M, self.a, self.g, self.w, self.G, self.A_hat = ([0.0] * 9 for _ in range(7))
+            self.closed, self.T, self.X, self.step, self.S_inverse = ([0.0] * 9 for _ in range(5))
+            self.one, self.two, self.three = ([0.0] * 9 for _ in range(3))
 
     @cython.cfunc
     @cython.exceptval(check=False)
@@ -104,104 +103,115 @@ class GameRiccati:
         i: cython.Py_ssize_t
         j: cython.Py_ssize_t
         k: cython.Py_ssize_t
-        copy(self.A, A)
-        copy(self.H, H)
-        copy(self.N1, N1)
         for i in range(3):
             for j in range(3):
-                self.BB[i, j] = self.NB[i, j] = self.NN[i, j] = 0.0
+                self.A[3 * i + j], self.H[3 * i + j], self.N1[3 * i + j] = A[i, j], H[i, j], N1[i, j]
+                self.BB[3 * i + j] = self.NB[3 * i + j] = self.NN[3 * i + j] = 0.0
                 for k in range(B.shape[1]):
-                    self.BB[i, j] += B[i, k] * B[j, k]
-                    self.NB[i, j] += N2[i, k] * B[j, k]
-                    self.NN[i, j] += N2[i, k] * N2[j, k]
+                    self.BB[3 * i + j] += B[i, k] * B[j, k]
+                    self.NB[3 * i + j] += N2[i, k] * B[j, k]
+                    self.NN[3 * i + j] += N2[i, k] * N2[j, k]
 
     @cython.cfunc
     @cython.exceptval(check=False)
-    def cost(self, J: cython.double[:, ::1], z: cython.double[::1]) -> cython.double:
+    def cost(self, J: cython.p_double, z: cython.p_double) -> cython.double:
         """Return the cost `z'Wz` (z (3,)) for `E = J J'`, J (3, 3); -1 if E proves no finite cost."""
-        i: cython.Py_ssize_t
-        j: cython.Py_ssize_t
         if not (self._set_equation(J) and self._double() and self._is_proven()):
             return -1.0
+        value: cython.double = form(z, self.W)
+        if not value > 0.0:
+            return -1.0
+        self.value = log(value) - _BARRIER * log(self.S_determinant)
         # The closed loop under the worst uncertainty, (I + G W)^-1 A^, and what the Lagrangian gives along it.
         multiply(self.closed, self.T, self.A_hat)
         multiply(self.costate, self.W, self.closed)
         multiply(self.one, self.NB, self.costate)
-        scale(self.two, self.N1, self.rho)
-        add(self.two, self.one, -1.0)
-        multiply(self.multiplier, self.M, self.two)
-        value: cython.double = form(z, self.W)
+        self._subtract_from(self.one, self.N1, self.rho)
+        multiply(self.multiplier, self.M, self.one)
+        self._set_gradient(J, z, value)
+        return value
+
+    @cython.cfunc
+    @cython.exceptval(check=False)
+    def _set_gradient(self, J: cython.p_double, z: cython.p_double, value: cython.double) -> cython.void:
+        """Weigh what H E H' gains against what E^-1 costs, over all states X that the loop runs through."""
+        i: cython.Py_ssize_t
+        j: cython.Py_ssize_t
         # What W is weighed by in the value: z z' / z'Wz, and in the barrier HJ S^-1 (HJ)'.
         congruence(self.X, self.HJ, self.S_inverse, self.three)
-        scale(self.X, self.X, _BARRIER)
         for i in range(3):
             for j in range(3):
-                self.X[i, j] += z[i] * z[j] / value
-        # The gradient weighs what H E H' gains against what E^-1 costs, over all states X that the loop runs through.
+                self.X[3 * i + j] = _BARRIER * self.X[3 * i + j] + z[i] * z[j] / value
         self._accumulate()
         transposed_multiply(self.one, self.HJ, self.costate)
         congruence(self.gradient, self.one, self.X, self.three)
         transposed_multiply(self.one, J, self.multiplier)
         congruence(self.two, self.one, self.X, self.three)
-        add(self.gradient, self.two, -1.0)
-        complement(self.one, self.S_inverse)
-        add(self.gradient, self.one, -_BARRIER)
-        self.value = log(value) - _BARRIER * log(self.S_determinant)
-        return value
+        for i in range(9):
+            self.gradient[i] += _BARRIER * self.S_inverse[i] - self.two[i]
+        for i in range(3):
+            self.gradient[4 * i] -= _BARRIER
 
     @cython.cfunc
     @cython.exceptval(check=False)
-    def _set_equation(self, J: cython.double[:, ::1]) -> cython.bint:
+    def _subtract_from(self, out: cython.p_double, a: cython.p_double, factor: cython.double) -> cython.void:
+        """Set `out = factor a - out`."""
+        i: cython.Py_ssize_t
+        for i in range(9):
+            out[i] = factor * a[i] - out[i]
+
+    @cython.cfunc
+    @cython.exceptval(check=False)
+    def _set_equation(self, J: cython.p_double) -> cython.bint:
         """Set A^, G and Q^ (in w); False if E is too small for its inverse."""
         i: cython.Py_ssize_t
-        j: cython.Py_ssize_t
         multiply(self.HJ, self.H, J)
         # M = (rho E + N2 N2')^-1
-        multiply_transposed(self.two, J, J)
-        copy(self.one, self.NN)
-        add(self.one, self.two, self.rho)
+        multiply_transposed(self.one, J, J)
+        for i in range(9):
+            self.one[i] = self.NN[i] + self.rho * self.one[i]
         if not invert(self.M, self.one) > 0.0:
             return False
         # A^ = A - (N2 B')' M N1 and Q^ = I + rho N1' M N1
         multiply(self.one, self.M, self.N1)
-        transposed_multiply(self.two, self.NB, self.one)
-        copy(self.A_hat, self.A)
-        add(self.A_hat, self.two, -1.0)
-        transposed_multiply(self.two, self.N1, self.one)
+        transposed_multiply(self.A_hat, self.NB, self.one)
+        self._subtract_from(self.A_hat, self.A, 1.0)
+        transposed_multiply(self.w, self.N1, self.one)
         # G = (B B' - (N2 B')' M N2 B') / rho - H E H'
         multiply(self.one, self.M, self.NB)
-        transposed_multiply(self.three, self.NB, self.one)
+        transposed_multiply(self.two, self.NB, self.one)
         multiply_transposed(self.one, self.HJ, self.HJ)
+        for i in range(9):
+            self.w[i] *= self.rho
+            self.G[i] = (self.BB[i] - self.two[i]) / self.rho - self.one[i]
         for i in range(3):
-            for j in range(3):
-                self.w[i, j] = (1.0 if i == j else 0.0) + self.rho * self.two[i, j]
-                self.G[i, j] = (self.BB[i, j] - self.three[i, j]) / self.rho - self.one[i, j]
+            self.w[4 * i] += 1.0
         return True
 
     @cython.cfunc
     @cython.exceptval(check=False)
     def _is_proven(self) -> cython.bint:
         """Whether E^-1 - H'WH > 0, in coordinates in which E is the identity, and W >= Q."""
+        i: cython.Py_ssize_t
         multiply(self.one, self.W, self.HJ)
         transposed_multiply(self.two, self.HJ, self.one)
         complement(self.one, self.two)
         if not cholesky(self.two, self.one):
             return False
         self.S_determinant = invert(self.S_inverse, self.one)
-        complement(self.one, self.W)
+        copy(self.two, self.W)
         for i in range(3):
-            for j in range(3):
-                self.two[i, j] = (1e-9 if i == j else 0.0) - self.one[i, j]
-        return cholesky(self.one, self.two)
+            self.two[4 * i] -= 1.0 - _ROUNDING
+        return self.S_determinant > 0.0 and cholesky(self.one, self.two)
 
     @cython.cfunc
     @cython.exceptval(check=False)
     def _double(self) -> cython.bint:
         """Solve for W by doubling the horizon from Q^; False if it does not converge. T is `(I + G W)^-1`."""
-        copy(self.a, self.A_hat)
-        copy(self.g, self.G)
         change: cython.double
         doubling: cython.int
+        copy(self.a, self.A_hat)
+        copy(self.g, self.G)
         for doubling in range(_DOUBLINGS):  # noqa: B007 - typed
             if not self._invert_loop(self.g, self.w):
                 return False
@@ -213,6 +223,7 @@ class GameRiccati:
             if not change >= 0.0:
                 return False
             if change < _CONVERGED:
+                copy(self.W, self.w)
                 return self._invert_loop(self.G, self.W)
             # g + a T g a', and a T a
             multiply(self.two, self.a, self.T)
@@ -225,36 +236,34 @@ class GameRiccati:
 
     @cython.cfunc
     @cython.exceptval(check=False)
-    def _invert_loop(self, g: cython.double[:, ::1], w: cython.double[:, ::1]) -> cython.bint:
+    def _invert_loop(self, g: cython.p_double, w: cython.p_double) -> cython.bint:
         """Set `T = (I + g w)^-1`; False beyond the point at which the uncertainty makes the cost infinite."""
         i: cython.Py_ssize_t
-        multiply(self.one, g, w)
+        multiply(self.three, g, w)
         for i in range(3):
-            self.one[i, i] += 1.0
-        return invert(self.T, self.one) > 0.0
+            self.three[4 * i] += 1.0
+        return invert(self.T, self.three) > 0.0
 
     @cython.cfunc
     @cython.exceptval(check=False)
     def _grow(self) -> cython.double:
-        """Add the step to W and return its relative size; -1 if W has become too large."""
+        """Add the step to w and return its relative size; -1 if w has become too large."""
         i: cython.Py_ssize_t
-        j: cython.Py_ssize_t
         change: cython.double = 0.0
-        largest: cython.double = 0.0
+        # W is at least Q.
+        largest: cython.double = 1.0
         add_symmetric(self.w, self.step)
-        for i in range(3):
-            for j in range(3):
-                self.W[i, j] = self.w[i, j]
-                change = max(change, fabs(self.step[i, j]))
-                largest = max(largest, fabs(self.w[i, j]))
+        for i in range(9):
+            change = max(change, fabs(self.step[i]))
+            largest = max(largest, fabs(self.w[i]))
         return change / largest if largest < _LARGEST else -1.0
 
     @cython.cfunc
     @cython.exceptval(check=False)
     def _accumulate(self) -> cython.void:
         """Sum X over all states that the closed loop runs through from there, by doubling."""
-        copy(self.a, self.closed)
         doubling: cython.int
+        copy(self.a, self.closed)
         for doubling in range(_DOUBLINGS):  # noqa: B007 - typed
             congruence(self.step, self.a, self.X, self.three)
             add(self.X, self.step, 1.0)
