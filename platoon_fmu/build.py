@@ -19,8 +19,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import platformdirs
-
 from platoon_fmu.compilers import NATIVE, Compiler, compilers
 from platoon_fmu.errors import FmuError
 from platoon_fmu.universal import universal_binary
@@ -210,6 +208,9 @@ def default_directory() -> Path:
     """
     if in_checkout():
         return _PROJECT / "build"
+    # Imported here because a checkout, and with it the tests, need not wait for it.
+    import platformdirs
+
     release = importlib.metadata.version("platoon")
     return platformdirs.user_cache_path("platoon", appauthor=False) / f"{release}-{_source_hash(FMI2)[:16]}"
 

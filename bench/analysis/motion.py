@@ -57,15 +57,15 @@ def motion(run: Run) -> Motion:
     """
     truths = [run.truth(vehicle) for vehicle in range(1, run.vehicles + 1)]
     stamps = [truth.time_ns for truth in truths]
-    common = np.unique(stamps[0])
-    for stamp in stamps[1:]:
-        common = np.intersect1d(common, stamp)
+    # A damaged log may have duplicate times, or times out of order.
+    firsts = [np.unique(stamp, return_index=True) for stamp in stamps]
+    common = firsts[0][0]
+    for times, _ in firsts[1:]:
+        common = np.intersect1d(common, times, assume_unique=True)
     if not len(common):
         raise BadInput(
             f"{run.path} has no ground truth of all {run.vehicles} vehicles at a common time: the run was too short"
         )
-    # A damaged log may have duplicate times, or times out of order.
-    firsts = [np.unique(stamp, return_index=True) for stamp in stamps]
     rows = [first[np.searchsorted(times, common)] for times, first in firsts]
 
     def stacked(name: str) -> Array:

@@ -6,6 +6,7 @@ Conductor, Plant and one for each ECU; on v2v, Vehicle<i> is the planner of vehi
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 from bench.bus.codec import Codec
 from bench.bus.topic import Topic
@@ -109,7 +110,9 @@ def process_of(bus: str, node: str) -> str:
     return _OTHER_NODES.get(node) or f"{bus}.{node.lower()}"
 
 
-def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[Transmission]:
+# Each node of a run asks for them, several times.
+@lru_cache(maxsize=64)
+def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> tuple[Transmission, ...]:
     """Return the messages of `bus`, sorted by identifier.
 
     With `vehicles`, v2v has only the messages and receivers of that many vehicles; otherwise all that the DBC names.
@@ -133,7 +136,7 @@ def transmissions(bus: str, codec: Codec, vehicles: int | None = None) -> list[T
                 period=codec.period(name) if message.cycle_time_ms else 0,
             )
         )
-    return found
+    return tuple(found)
 
 
 def _is_there(process: str, vehicles: int | None) -> bool:

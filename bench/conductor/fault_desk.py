@@ -5,7 +5,6 @@ import os
 import socket
 import time
 from collections.abc import Collection, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -202,6 +201,9 @@ def running_benches(part: str = "") -> tuple[list[RunningBench], list[str]]:
     names = [name for name in names if part in name] or names
     benches, ignored = [], []
     # Asked at once: one that says nothing delays no other.
+    # Imported here because no run needs it.
+    from concurrent.futures import ThreadPoolExecutor
+
     with ThreadPoolExecutor(_ASKED_AT_ONCE) as pool:
         for name, said in zip(names, pool.map(_asked, names), strict=True):
             if isinstance(said, RunningBench):

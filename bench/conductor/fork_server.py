@@ -175,8 +175,8 @@ class _ForkServer:
         signal.set_wakeup_fd(self._waker, warn_on_full_buffer=False)
         _preload(self._setup.preload)
         # Imported objects stay: garbage collection can skip them in all children.
-        gc.collect()
         gc.freeze()
+        gc.enable()
         self._fork([child.name for child in self._setup.children if not child.on_call])
         while True:
             ready, _, _ = select.select([self._wake, self._channel.lifeline, self._orders], [], [])

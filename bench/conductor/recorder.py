@@ -19,8 +19,8 @@ from bench.record.writer import RunWriter
 _LOST, _ERRORS = "FramesLost", "E2EErrors"
 
 
-def open_recorder(stage: Stage, timeline: BusTimeline, watch: ProcessWatch) -> "Recorder":
-    """Begin the log of a run, its frames timed by `timeline`.
+def open_recorder(stage: Stage, timeline: BusTimeline, watch: ProcessWatch, commit: str) -> "Recorder":
+    """Begin the log of a run of this `commit`, its frames timed by `timeline`.
 
     Raises:
         RunFailed: it cannot be written.
@@ -31,7 +31,7 @@ def open_recorder(stage: Stage, timeline: BusTimeline, watch: ProcessWatch) -> "
         truth_names=stage.description.truth_names,
         truth_units=stage.description.truth_units,
         vehicles=stage.vehicles,
-        metadata=stage.metadata(),
+        metadata=stage.metadata(commit),
         attachments=stage.attachments(),
         timeline=timeline,
     )

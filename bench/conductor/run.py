@@ -16,6 +16,7 @@ from bench.bus.link.base import Link, LinkError
 from bench.bus.link.opening import open_link
 from bench.bus.network import EcuSlot
 from bench.bus.wire.schedulability import check_load
+from bench.conductor.checkout import Checkout
 from bench.conductor.conducting import Conductor, Means
 from bench.conductor.crew import Crew
 from bench.conductor.fault_desk import FaultDesk
@@ -199,13 +200,14 @@ def _start(options: RunOptions, free: Sequence[EcuSlot], fmu: Path, stack: ExitS
 
 
 def _recorder(stage: Stage, crew: Crew) -> "Recorder":
+    checkout = Checkout()
     # Not at the top, so that these imports run while the processes start.
     from bench.bus.wire.timing import BusTimeline
     from bench.conductor.process_watch import ProcessWatch
     from bench.conductor.recorder import open_recorder
 
     timeline = BusTimeline(stage.codecs, crew.inputs, realtime=stage.options.realtime)
-    return open_recorder(stage, timeline, ProcessWatch(lambda: crew.pids))
+    return open_recorder(stage, timeline, ProcessWatch(lambda: crew.pids), checkout.commit())
 
 
 def _conduct(started: _Started, called: float) -> _Ending:

@@ -1,9 +1,9 @@
 """The setup of a run: its processes or nodes, and the metadata of its log."""
 
+import os
 import platform
 import shlex
 import socket
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -37,7 +37,6 @@ from bench.plant.description import FmuDescription
 BY_HAND = "started by hand"
 """The log's entry for the class of an ECU that the bench did not start."""
 
-_GIT_S = 2.0
 _PACKAGES = ("platoon", "numpy", "clarabel", "fmpy", "python-can", "cantools", "mcap")
 
 
@@ -86,8 +85,8 @@ class Stage:
             self._plant(listener, stack), names, self._maker(listener, stack), links, listener, interrupts
         )
 
-    def metadata(self) -> dict[str, str]:
-        """The log's metadata before the run begins."""
+    def metadata(self, commit: str) -> dict[str, str]:
+        """Return the log's metadata before the run begins; `commit` as `bench.conductor.checkout` has it."""
         return {
             **({LABEL: self.options.label} if self.options.label else {}),
             "scenario": self.options.scenario.name,
@@ -96,10 +95,10 @@ class Stage:
             "buses": str(self.address),
             "clock": "realtime" if self.options.realtime else "lockstep",
             "command_line": shlex.join(self.options.command_line),
-            "commit": _commit(),
+            "commit": commit,
             "started": datetime.now(UTC).isoformat(timespec="seconds"),
             "host": socket.gethostname(),
-            "platform": platform.platform(),
+            "platform": _platform(),
             "python": sys.version.split()[0],
             "code": "compiled" if is_compiled() else "interpreted",
             "fmu_guid": self.description.guid,
@@ -164,23 +163,13 @@ class Stage:
         return make
 
 
-def _commit() -> str:
-    """The commit of this checkout, with `+` if files have been changed since; empty if none."""
-    # An installed copy may lie inside another repository, which does not track it.
-    if not _git("ls-files", "--error-unmatch", Path(__file__).name):
-        return ""
-    return _git("describe", "--always", "--abbrev=40", "--exclude=*", "--dirty=+")
-
-
-def _git(*arguments: str) -> str:
-    """The output of git, empty on failure."""
-    try:
-        told = subprocess.run(
-            ["git", *arguments], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=_GIT_S
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return told.stdout.strip() if told.returncode == 0 else ""
+def _platform() -> str:
+    """Return what `platform.platform()` does, which starts a program to find out more than that."""
+    if sys.platform != "linux":
+        return platform.platform()
+    system = os.uname()
+    parts = system.sysname, system.release, system.machine, "with", "".join(platform.libc_ver())
+    return "-".join(filter(None, parts))
 
 
 def _version(package: str) -> str:

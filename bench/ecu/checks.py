@@ -32,21 +32,20 @@ def check_class(found: type, spec: str, role: str | None) -> None:
     Raises:
         BadInput: it is not.
     """
-    where = place_of(found)
     if not callable(getattr(found, "step", None)):
         raise BadInput(
             f"ECU {spec!r}: the class {found.__name__} is not an ECU: it has no method step; "
-            f"derive it from TrackerBase or PlannerBase of bench.ecu, or see bench.ecu.base.Ecu{where}"
+            f"derive it from TrackerBase or PlannerBase of bench.ecu, or see bench.ecu.base.Ecu{place_of(found)}"
         )
     missing = sorted(getattr(found, "__abstractmethods__", ()))
     if missing:
         hints = [_method_hint(found, name) for name in missing]
-        raise BadInput(f"ECU {spec!r}: the class {found.__name__} lacks the method {', '.join(hints)}{where}")
+        raise BadInput(f"ECU {spec!r}: the class {found.__name__} lacks the method {', '.join(hints)}{place_of(found)}")
     if getattr(found, "_is_protocol", False):
         raise BadInput(f"ECU {spec!r}: {found.__name__} only describes ECUs; give a class that is one")
     own = getattr(found, "role", None)
     if role is not None and own in ROLES and own != role:
-        raise BadInput(_wrong_role(spec, found, str(own), role) + where)
+        raise BadInput(_wrong_role(spec, found, str(own), role) + place_of(found))
 
 
 def created(ecu_class: type, spec: str, slot: EcuSlot, scenario: Scenario, codecs: Mapping[str, Codec]) -> "CheckedEcu":
@@ -55,12 +54,14 @@ def created(ecu_class: type, spec: str, slot: EcuSlot, scenario: Scenario, codec
     Raises:
         BadInput: its constructor fails, or it lacks something, or its inputs never arrive.
     """
-    name, where = ecu_class.__name__, place_of(ecu_class)
+    name = ecu_class.__name__
     problem = _arguments_problem(ecu_class, ("vehicle", "scenario"))
     if problem:
         base = "; write def __init__(self, vehicle, scenario) and call super().__init__(vehicle, scenario) first"
         mend = base if hasattr(ecu_class, "role") else ""
-        raise BadInput(f"ECU {spec!r}: the bench calls {name}(vehicle, scenario), but {problem}{where}{mend}")
+        raise BadInput(
+            f"ECU {spec!r}: the bench calls {name}(vehicle, scenario), but {problem}{place_of(ecu_class)}{mend}"
+        )
     try:
         ecu = ecu_class(slot.vehicle, scenario)
     except BadInput as error:
@@ -69,8 +70,8 @@ def created(ecu_class: type, spec: str, slot: EcuSlot, scenario: Scenario, codec
         if not is_users(error):
             raise
         raise BadInput(f"ECU {spec!r}: {name}(vehicle {slot.vehicle}, scenario) failed: {described(error)}") from error
-    _check_members(ecu, spec, where)
-    _check_place(ecu, spec, slot, codecs, len(scenario.vehicles), where)
+    _check_members(ecu, spec, ecu_class)
+    _check_place(ecu, spec, slot, codecs, len(scenario.vehicles), ecu_class)
     return CheckedEcu(ecu, slot, codecs)
 
 
@@ -158,16 +159,20 @@ def _arguments_problem(function: Any, arguments: Sequence[str]) -> str:
     return ""
 
 
-def _check_members(ecu: Any, spec: str, where: str) -> None:
+def _check_members(ecu: Any, spec: str, ecu_class: type) -> None:
     name = type(ecu).__name__
     missing = [member for member in ("name", "inputs") if not hasattr(ecu, member)]
     if missing:
         derived = any(method in dir(ecu) for method in _METHODS)
         mend = "call super().__init__(vehicle, scenario) in its constructor" if derived else "see bench.ecu.base.Ecu"
-        raise BadInput(f"ECU {spec!r}: an instance of {name} has no attribute {' and '.join(missing)}; {mend}{where}")
+        raise BadInput(
+            f"ECU {spec!r}: an instance of {name} has no attribute {' and '.join(missing)}; {mend}{place_of(ecu_class)}"
+        )
     inputs = ecu.inputs
     if not isinstance(inputs, (tuple, list)) or not all(isinstance(each, Topic) for each in inputs):
-        raise BadInput(f"ECU {spec!r}: the inputs of {name} must be a tuple of Topic(bus, message){where}")
+        raise BadInput(
+            f"ECU {spec!r}: the inputs of {name} must be a tuple of Topic(bus, message){place_of(ecu_class)}"
+        )
     for method, arguments in (("step", _STEP), *_METHODS.items()):
         own = getattr(ecu, method, None)
         problem = _arguments_problem(own, arguments) if callable(own) else ""
@@ -177,7 +182,9 @@ def _check_members(ecu: Any, spec: str, where: str) -> None:
             )
 
 
-def _check_place(ecu: Any, spec: str, slot: EcuSlot, codecs: Mapping[str, Codec], vehicles: int, where: str) -> None:
+def _check_place(
+    ecu: Any, spec: str, slot: EcuSlot, codecs: Mapping[str, Codec], vehicles: int, ecu_class: type
+) -> None:
     """Check that an ECU belongs into its slot: its name and inputs.
 
     Raises:
@@ -185,22 +192,26 @@ def _check_place(ecu: Any, spec: str, slot: EcuSlot, codecs: Mapping[str, Codec]
     """
     for role in ROLES:
         if role != slot.role and ecu.name == EcuSlot(role, slot.vehicle).name:
-            raise BadInput(_wrong_role(spec, type(ecu), role, slot.role) + where)
+            raise BadInput(_wrong_role(spec, type(ecu), role, slot.role) + place_of(ecu_class))
     sends = slot.sends(codecs)
     for topic in ecu.inputs:
         what = f"{slot.name}: input {topic.message}"
         if topic.bus not in slot.buses:
-            raise BadInput(f"{what} is on bus {topic.bus}; this node has {', '.join(slot.buses)}{where}")
+            raise BadInput(f"{what} is on bus {topic.bus}; this node has {', '.join(slot.buses)}{place_of(ecu_class)}")
         sent = transmissions(topic.bus, codecs[topic.bus], vehicles)
         known = [each.message for each in sent if each.protected and each.sender != slot.name]
         if topic in sends:
-            raise BadInput(f"{what} is what a {slot.role} sends itself, so it would wait for itself for ever{where}")
+            raise BadInput(
+                f"{what} is what a {slot.role} sends itself, so it would wait for itself for ever{place_of(ecu_class)}"
+            )
         if any(each.message == topic.message for each in sent) and topic.message not in known:
             raise BadInput(
                 f"{what} on bus {topic.bus} has no alive counter, which determines its cycle; "
-                f"allowed: {', '.join(known)}{where}"
+                f"allowed: {', '.join(known)}{place_of(ecu_class)}"
             )
         if topic.message not in known:
             near = closest(topic.message, known)
             meant = f"; did you mean {near}?" if near else ""
-            raise BadInput(f"{what} does not exist on bus {topic.bus}; its DBC has {', '.join(known)}{meant}{where}")
+            raise BadInput(
+                f"{what} does not exist on bus {topic.bus}; its DBC has {', '.join(known)}{meant}{place_of(ecu_class)}"
+            )
