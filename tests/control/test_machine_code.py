@@ -1,12 +1,16 @@
 """The control's machine code gives the same bits as its plain text, which is interpreted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tests.control.operating_points import INPUT, STATE, OperatingPoint, operating_point
+from bench.control.settings import TrackerSettings
+from platoon_fmu.parameters import VehicleParameters
+from tests.control.operating_points import ALLOCATION, INPUT, MODEL, STATE, OperatingPoint, operating_point
 from tests.plain import bits, compiled, plain
 
 WAYS = (compiled, plain)
@@ -86,3 +90,85 @@ def test_numbers_beyond_all_reason(value):
             gains.append(controller.solve(point.linear, point.chi, 10.0 * point.room))
     assert bits(gains[0]) == bits(gains[1])
     assert gains[0].usable is (value == 0.0)
+
+
+@settings(max_examples=60)
+@given(
+    st.integers(1, 5).flatmap(
+        lambda n: st.tuples(
+            *(arrays(np.float64, shape, elements=finite) for shape in ((n, n), n, n)),
+            arrays(np.float64, n, elements=st.floats(0.0, 10.0)),
+        )
+    )
+)
+def test_quadratic_programs_in_a_box(drawn):
+    root, gradient, lower, width = drawn
+    asked = (root @ root.T + np.eye(len(root)), gradient, lower, lower + width)
+    one, other = (each.minimise(*asked) for each in both("quadratic"))
+    assert bits(one) == bits(other)
+
+
+speeds = st.floats(3.0, 45.0)
+states = st.tuples(speeds, st.floats(-2.0, 2.0), st.floats(-1.0, 1.0)).map(np.array)
+real_inputs = st.tuples(st.floats(-0.5, 0.5), *[st.floats(-3e3, 3e3)] * 4).map(np.array)
+virtual_inputs = st.tuples(st.floats(-0.5, 0.5), st.floats(-8e3, 8e3), st.floats(-3e3, 3e3)).map(np.array)
+
+
+@given(states, real_inputs)
+def test_vehicle_model(xi, U):
+    found = []
+    for each in both("vehicle_model"):
+        model = each.VehicleModel(VehicleParameters(), 0.01)
+        linear = model.linearise(xi, U)
+        allocated = linear.with_inputs(ALLOCATION.matrix)
+        found.append(bits((model.derivative(xi, U), model.step(xi, U), linear, allocated)))
+    assert found[0] == found[1]
+
+
+@given(states, states, virtual_inputs)
+def test_reference_input(xi, xi_next, start):
+    weights = np.array([1.0, 1e-3, 10.0]), np.array([1e-7, 1e-7, 1e-5])
+    found = []
+    for each, vehicle in zip(both("reference"), both("vehicle_model"), strict=True):
+        model = vehicle.VehicleModel(VehicleParameters(), 0.01)
+        found.append(bits(each.reference_input(model, ALLOCATION, xi, xi_next, start, *weights)))
+    assert found[0] == found[1]
+
+
+@given(states, real_inputs, vectors, virtual_inputs, virtual_inputs, st.floats(0.01, 1.0))
+def test_target(xi, U, disturbance, u_ref, middle, share):
+    """With the bounds far away, near, and so near that no target is at rest."""
+    linear = MODEL.linearise(xi, U).with_inputs(ALLOCATION.matrix)
+    lower, upper = middle - share * ALLOCATION.limit, middle + share * ALLOCATION.limit
+    asked = (linear.A, linear.B, 0.01 * disturbance, u_ref, lower, upper, STATE, INPUT)
+    one, other = (each.steady_state_target(*asked) for each in both("target"))
+    assert bits(one) == bits(other)
+
+
+@given(st.lists(st.tuples(states, virtual_inputs, vectors), min_size=1, max_size=5), st.randoms(use_true_random=False))
+def test_observer(steps, dice):
+    gain = np.array([[dice.uniform(-1.0, 0.0) for _ in range(3)] for _ in range(6)])
+    made = [each.DisturbanceObserver(gain, 0.01) for each in both("observer")]
+    for xi, u, drift in steps:
+        linear = MODEL.linearise(xi, np.zeros(5)).with_inputs(ALLOCATION.matrix)
+        one, other = (each.correct(xi) for each in made)
+        assert bits(one) == bits(other)
+        for each in made:
+            each.predict(linear.A, linear.B, xi, u, xi + drift)
+
+
+@given(speeds, st.floats(-1.0, 1.0), st.floats(-4.0, 4.0), st.floats(0.0, 6.0), st.floats(0.0, 10.0))
+def test_slow_down(v, gamma, course, braking, crawl):
+    one, other = (each.slow_down(v, gamma, course, braking, crawl, 0.01) for each in both("slow_down"))
+    assert bits(one) == bits(other)
+
+
+@settings(max_examples=8)
+@given(st.lists(st.tuples(vectors, st.floats(10.0, 20.0), st.floats(-0.2, 0.2)), min_size=1, max_size=4))
+def test_tracker(steps):
+    """Whole steps, but for the wall clock's."""
+    made = [each.Tracker(TrackerSettings(), VehicleParameters(), 0.01) for each in both("tracker")]
+    for error, v, gamma in steps:
+        xi = np.array([v, 0.0, gamma]) + 0.1 * error
+        found = [bits(replace(each.step(xi, (v, gamma), (v + 0.01, gamma)), solve_s=0.0)) for each in made]
+        assert found[0] == found[1]
