@@ -34,6 +34,7 @@ COMPILED: tuple[str, ...] = (
     "bench.control.slow_down",
     "bench.control.target",
     "bench.control.tracker",
+    "bench.control.tracking_step",
     "bench.control.vehicle_model",
     "bench.ecu.checks",
     "bench.ecu.following",

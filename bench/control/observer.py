@@ -29,39 +29,52 @@ class DisturbanceObserver:
     """
 
     def __init__(self, gain: Matrix, step_s: float) -> None:
+        n = gain.shape[1]
         self._gain = gain
         self._step_s = step_s
-        self._state: Vector | None = None
-        self._error: Vector = np.zeros(gain.shape[1])
-        self._previous: Vector = np.zeros(gain.shape[1])
-        self.disturbance: Vector = np.zeros(gain.shape[1])
+        self._started = False
+        self._state = np.zeros(n)
+        self._error = np.zeros(n)
+        self._previous = np.zeros(n)
+        self._disturbance = np.zeros(n)
+        self._next = np.zeros(n)
 
-    def correct(self, xi: Vector) -> Vector:
+    def correct(self, xi: cython.double[::1]) -> Vector:
         """Process a measured state (3,) and return the disturbance estimate (3,), an acceleration.
 
         The first measurement initialises the observer, with zero disturbance.
         """
-        if self._state is None:
-            self._state = xi
-        self._error = self._state - xi
-        self._previous = self.disturbance
-        self.disturbance = self._previous + self._correction(xi.size)
-        return self.disturbance
-
-    def _correction(self, first: cython.Py_ssize_t) -> Vector:
-        """L times the error: its states from the first one on, as many as are measured."""
-        i: cython.Py_ssize_t
-        j: cython.Py_ssize_t
-        L: cython.double[:, ::1] = self._gain
-        error: cython.double[::1] = self._error
-        out = np.zeros(error.shape[0])
-        correction: cython.double[::1] = out
-        for i in range(error.shape[0]):
-            for j in range(error.shape[0]):
-                correction[i] += L[first + i, j] * error[j]
+        out = np.empty(xi.shape[0])
+        self.set_disturbance(out, xi)
         return out
 
-    def predict(self, A: Matrix, B: Matrix, xi_ref: Vector, u_dev: Vector, drift: Vector) -> None:
+    def set_disturbance(self, out: cython.double[::1], xi: cython.double[::1]) -> cython.void:
+        """Set `out` to the result of `correct`."""
+        i: cython.Py_ssize_t
+        j: cython.Py_ssize_t
+        n: cython.Py_ssize_t = xi.shape[0]
+        correction: cython.double
+        for i in range(n):
+            if not self._started:
+                self._state[i] = xi[i]
+            self._error[i] = self._state[i] - xi[i]
+            self._previous[i] = self._disturbance[i]
+        self._started = True
+        for i in range(n):
+            correction = 0.0
+            for j in range(n):
+                correction += self._gain[n + i, j] * self._error[j]
+            self._disturbance[i] = self._previous[i] + correction
+            out[i] = self._disturbance[i]
+
+    def predict(
+        self,
+        A: cython.double[:, ::1],
+        B: cython.double[:, ::1],
+        xi_ref: cython.double[::1],
+        u_dev: cython.double[::1],
+        drift: cython.double[::1],
+    ) -> None:
         """Predict the next state from the input actually applied; `correct` must have been called before.
 
         Args:
@@ -70,24 +83,23 @@ class DisturbanceObserver:
             xi_ref: (3,) this step's reference state.
             u_dev: (m,) applied input minus reference input.
             drift: (3,) next state from the reference state with the reference input.
+
+        Raises:
+            ValueError: there has been no measurement.
         """
-        if self._state is None:
+        if not self._started:
             raise ValueError("the observer predicts only after its first measurement")
         i: cython.Py_ssize_t
         j: cython.Py_ssize_t
-        of_state: cython.double[:, ::1] = A
-        of_input: cython.double[:, ::1] = B
-        state: cython.double[::1] = self._state
-        origin: cython.double[::1] = xi_ref
-        inputs: cython.double[::1] = u_dev
-        previous: cython.double[::1] = self._previous
-        T: cython.double = self._step_s
-        out = self._correction(0)
-        predicted: cython.double[::1] = out
-        for i in range(state.shape[0]):
-            for j in range(state.shape[0]):
-                predicted[i] += of_state[i, j] * (state[j] - origin[j])
-            for j in range(inputs.shape[0]):
-                predicted[i] += of_input[i, j] * inputs[j]
-            predicted[i] += T * previous[i]
-        self._state = drift + out
+        n: cython.Py_ssize_t = xi_ref.shape[0]
+        for i in range(n):
+            self._next[i] = 0.0
+            for j in range(n):
+                self._next[i] += self._gain[i, j] * self._error[j]
+            for j in range(n):
+                self._next[i] += A[i, j] * (self._state[j] - xi_ref[j])
+            for j in range(u_dev.shape[0]):
+                self._next[i] += B[i, j] * u_dev[j]
+            self._next[i] += self._step_s * self._previous[i]
+        for i in range(n):
+            self._state[i] = drift[i] + self._next[i]

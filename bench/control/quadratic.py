@@ -92,9 +92,21 @@ def minimise_in_box(
     none changes, x meets the optimality conditions. That mostly happens, but need not.
     """
     n: cython.Py_ssize_t = x.shape[0]
+    return minimise_in_box_with(x, hessian, gradient, lower, upper, np.empty((n + 2, n)))
+
+
+@cython.ccall
+def minimise_in_box_with(
+    x: cython.double[::1],
+    hessian: cython.double[:, ::1],
+    gradient: cython.double[::1],
+    lower: cython.double[::1],
+    upper: cython.double[::1],
+    work: cython.double[:, ::1],
+) -> cython.bint:
+    """As `minimise_in_box`; `work` (n + 2, n) is overwritten: an array costs more than the arithmetic."""
+    n: cython.Py_ssize_t = x.shape[0]
     i: cython.Py_ssize_t
-    # One array, because an array costs more than the arithmetic.
-    work: cython.double[:, ::1] = np.zeros((n + 2, n))
     matrix: cython.double[:, ::1] = work[:n]
     right: cython.double[::1] = work[n]
     # -1 where the lower bound is active, 1 where the upper one is, 0 where the variable is free.
@@ -102,8 +114,7 @@ def minimise_in_box(
     for i in range(n):
         if not lower[i] <= upper[i]:
             return False
-        if lower[i] == upper[i]:
-            active[i] = -1.0
+        active[i] = -1.0 if lower[i] == upper[i] else 0.0
     for _ in range(_PASSES):
         _set_equations(matrix, right, active, hessian, gradient, lower, upper)
         for i in range(n):

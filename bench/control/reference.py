@@ -5,7 +5,7 @@ A sequential quadratic programme on the nonlinear model: each pass linearises th
 solves a box-constrained quadratic programme.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cython
 import numpy as np
@@ -16,10 +16,10 @@ from bench.control.quadratic import minimise
 from bench.control.vehicle_model import VehicleModel
 
 if cython.compiled:
-    from cython.cimports.bench.control.quadratic import minimise_in_box
+    from cython.cimports.bench.control.quadratic import minimise_in_box_with
     from cython.cimports.bench.control.vehicle_model import linearise, step
 else:
-    from bench.control.quadratic import minimise_in_box
+    from bench.control.quadratic import minimise_in_box_with
     from bench.control.vehicle_model import linearise, step
 
 Vector = NDArray[np.float64]
@@ -29,8 +29,7 @@ INPUTS = cython.declare(cython.int, 3)
 REAL_INPUTS = cython.declare(cython.int, 5)
 
 
-@dataclass(frozen=True)
-class ReferenceInput:
+class ReferenceInput(NamedTuple):
     """The reference input of one step.
 
     Attributes:
@@ -55,7 +54,7 @@ def reference_input(
     input_weight: Vector,
     passes: int = 2,
 ) -> ReferenceInput:
-    """Solve (21)-(22) from a reference state to the next one.
+    """Solve (21)-(22) from a reference state to the next one; see `ReferenceSearch`.
 
     Args:
         model: the nonlinear model f of (22).
@@ -63,53 +62,80 @@ def reference_input(
         xi: (3,) this step's reference state.
         xi_next: (3,) the next step's.
         start: (3,) virtual input to start from (the last step's).
-        state_weight: (3,) diagonal of Q_1, per squared state unit.
-        input_weight: (3,) diagonal of R_1, for each input in units of its limit.
+        state_weight: see `ReferenceSearch`.
+        input_weight: see `ReferenceSearch`.
         passes: number of quadratic programmes; two reach the optimum if the next state is reachable, and come
             within 1 % of its cost if the bounds are active and the start is far away.
     """
-    limit: cython.double[::1] = allocation.limit
-    matrix: cython.double[:, ::1] = allocation.matrix
-    numbers: cython.double[::1] = model.numbers
-    begin: cython.double[::1] = start
-    state: cython.double[::1] = xi
-    wanted: cython.double[::1] = xi_next
-    Q: cython.double[::1] = state_weight
-    R: cython.double[::1] = input_weight
-    i: cython.Py_ssize_t
-    # One array, because an array costs more than the arithmetic: z, its bounds, the next z, gradient and Hessian.
-    work: cython.double[:, ::1] = np.empty((8, INPUTS))
-    z: cython.double[::1] = work[0]
-    lower: cython.double[::1] = work[1]
-    upper: cython.double[::1] = work[2]
-    better: cython.double[::1] = work[3]
-    gradient: cython.double[::1] = work[4]
-    hessian: cython.double[:, ::1] = work[5:]
-    spare: cython.double[:, ::1] = np.empty((17, REAL_INPUTS))
-    for i in range(INPUTS):
-        lower[i], upper[i] = -1.0, 1.0
-        z[i] = max(-1.0, min(1.0, begin[i] / limit[i]))
-    solved = True
-    for _ in range(passes):
-        _set_cost(hessian, gradient, spare, numbers, matrix, limit, state, wanted, z, Q, R)
-        if not minimise_in_box(better, hessian, gradient, lower, upper):
-            found = minimise(np.array(hessian), np.array(gradient), np.array(lower), np.array(upper))
-            if not found.solved:
-                solved = False
-                break
-            better = found.x
+    u, residual = np.empty(INPUTS), np.empty(STATES)
+    search = ReferenceSearch(model, allocation, state_weight, input_weight)
+    solved = bool(search.find(u, residual, xi, xi_next, start, passes))
+    return ReferenceInput(u, residual, solved)
+
+
+class ReferenceSearch:
+    """Solves (21)-(22) step by step, without an array of its own for each step.
+
+    Args:
+        model: the nonlinear model f of (22).
+        allocation: virtual inputs and their limits.
+        state_weight: (3,) diagonal of Q_1, per squared state unit.
+        input_weight: (3,) diagonal of R_1, for each input in units of its limit.
+    """
+
+    def __init__(self, model: VehicleModel, allocation: Allocation, state_weight: Vector, input_weight: Vector) -> None:
+        self._numbers = model.numbers
+        self._matrix = allocation.matrix
+        self._limit = allocation.limit
+        self._Q = state_weight
+        self._R = input_weight
+        work = np.empty((13, INPUTS))
+        self._z, self._lower, self._upper, self._better, self._gradient = work[0], work[1], work[2], work[3], work[4]
+        self._hessian = work[5:8]
+        self._box_work = work[8:]
+        self._spare = np.empty((17, REAL_INPUTS))
+        self._lower[:], self._upper[:] = -1.0, 1.0
+
+    def find(
+        self,
+        u: cython.double[::1],
+        residual: cython.double[::1],
+        xi: cython.double[::1],
+        xi_next: cython.double[::1],
+        start: cython.double[::1],
+        passes: cython.int,
+    ) -> cython.bint:
+        """Set u and residual to those of `ReferenceInput`, and return whether every programme was solved."""
+        i: cython.Py_ssize_t
+        z: cython.double[::1] = self._z
+        better: cython.double[::1] = self._better
+        hessian: cython.double[:, ::1] = self._hessian
+        gradient: cython.double[::1] = self._gradient
+        lower: cython.double[::1] = self._lower
+        upper: cython.double[::1] = self._upper
+        limit: cython.double[::1] = self._limit
+        solved: cython.bint = True
         for i in range(INPUTS):
-            z[i] = better[i]
-    out, miss = np.empty(INPUTS), np.empty(STATES)
-    u: cython.double[::1] = out
-    residual: cython.double[::1] = miss
-    _set_real_input(spare[0], matrix, limit, z)
-    step(residual, numbers, state, spare[0])
-    for i in range(INPUTS):
-        u[i] = limit[i] * z[i]
-    for i in range(STATES):
-        residual[i] -= wanted[i]
-    return ReferenceInput(out, miss, solved)
+            z[i] = max(-1.0, min(1.0, start[i] / limit[i]))
+        for _ in range(passes):
+            _set_cost(
+                hessian, gradient, self._spare, self._numbers, self._matrix, limit, xi, xi_next, z, self._Q, self._R
+            )
+            if not minimise_in_box_with(better, hessian, gradient, lower, upper, self._box_work):
+                found = minimise(np.array(hessian), np.array(gradient), np.array(lower), np.array(upper))
+                if not found.solved:
+                    solved = False
+                    break
+                better = found.x
+            for i in range(INPUTS):
+                z[i] = better[i]
+        _set_real_input(self._spare[0], self._matrix, limit, z)
+        step(residual, self._numbers, xi, self._spare[0])
+        for i in range(INPUTS):
+            u[i] = limit[i] * z[i]
+        for i in range(STATES):
+            residual[i] -= xi_next[i]
+        return solved
 
 
 @cython.cfunc

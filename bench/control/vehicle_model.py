@@ -9,7 +9,7 @@ State `xi = [v_x, v_y, gamma]` (m/s, m/s, rad/s) and input `U = [delta, F_x1, F_
 ISO 8855 vehicle axes, wheels in the paper's order: 1 front left, 2 rear left, 3 rear right, 4 front right.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cython
 import numpy as np
@@ -28,8 +28,7 @@ NUMBERS = ("M", "I_z", "l_f", "l_r", "l_t", "Cf2", "Cr2", "C_a", "variation", "T
 T is the sampling time."""
 
 
-@dataclass(frozen=True)
-class LinearModel:
+class LinearModel(NamedTuple):
     """One step of (25) in deviations: `xi+ = (A + H Lambda N1) xi + (B + H Lambda N2) U`.
 
     `Lambda = diag(lambda_f, lambda_f, lambda_r)` with each lambda in [-1, 1]. The first column of H is the effect of
@@ -112,22 +111,39 @@ class VehicleModel:
 
         From (16) with dv_y = dgamma = 0: the rear axle carries M l_f / L of the lateral acceleration.
         """
-        p = self.vehicle
-        return gamma * (p.l_r - p.M * p.l_f * v_x**2 / ((p.l_f + p.l_r) * 2.0 * p.C_r))
+        return float(steady_lateral_velocity(self.numbers, v_x, gamma))
 
 
-def _product(a: cython.double[:, ::1], b: cython.double[:, ::1]) -> Matrix:
-    """Return a b, for a and b of any size."""
+def _product(a: Matrix, b: Matrix) -> Matrix:
+    out = np.empty((a.shape[0], b.shape[1]))
+    multiply(out, a, b)
+    return out
+
+
+@cython.ccall
+@cython.nogil
+@cython.exceptval(check=False)
+def steady_lateral_velocity(numbers: cython.double[::1], v_x: cython.double, gamma: cython.double) -> cython.double:
+    """Return `VehicleModel.steady_lateral_velocity`; `numbers` are the model's."""
+    M: cython.double = numbers[0]
+    l_f: cython.double = numbers[2]
+    l_r: cython.double = numbers[3]
+    return gamma * (l_r - M * l_f * (v_x * v_x) / ((l_f + l_r) * numbers[6]))
+
+
+@cython.ccall
+@cython.nogil
+@cython.exceptval(check=False)
+def multiply(out: cython.double[:, ::1], a: cython.double[:, ::1], b: cython.double[:, ::1]) -> cython.void:
+    """Set `out = a b`, for a and b of any size."""
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
     k: cython.Py_ssize_t
-    out = np.zeros((a.shape[0], b.shape[1]))
-    product: cython.double[:, ::1] = out
     for i in range(a.shape[0]):
         for j in range(b.shape[1]):
+            out[i, j] = 0.0
             for k in range(b.shape[0]):
-                product[i, j] += a[i, k] * b[k, j]
-    return out
+                out[i, j] += a[i, k] * b[k, j]
 
 
 @cython.ccall
