@@ -1,4 +1,4 @@
-"""Prints the tables: `python -m bench.benchmarks [loop | bus | fmu | live | record | rmpc]`, all if none is named.
+"""Prints the tables of all parts or of one: `python -m bench.benchmarks [loop|bus|fmu|live|record|rmpc|worst]`.
 
 `against REV` compares this checkout with another revision.
 """
@@ -13,6 +13,7 @@ from rich.table import Table
 from bench.benchmarks import bus, fmu, live, loop, record
 from bench.benchmarks.against import command as against
 from bench.benchmarks.rmpc import command as rmpc
+from bench.benchmarks.rmpc import worst
 from bench.errors import BenchError
 
 PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
@@ -22,6 +23,7 @@ PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
     "live": live.tables,
     "record": record.tables,
     "rmpc": rmpc.tables,
+    "worst": worst.tables,
 }
 
 
@@ -33,6 +35,7 @@ def main() -> None:
     )
     described = {name: parts.add_parser(name) for name in PARTS}
     rmpc.add_arguments(described["rmpc"])
+    described["worst"].add_argument("--runs", type=int, default=worst.RUNS, metavar="N", help="default %(default)s")
     against.add_arguments(parts.add_parser("against", help="compare this checkout with another revision"))
     options = parser.parse_args()
     console = Console(width=120)
@@ -51,6 +54,9 @@ def _tables(options: argparse.Namespace) -> Iterator[Table | str]:
         return
     if options.part == "rmpc":
         yield from rmpc.measured(options)
+        return
+    if options.part == "worst":
+        yield worst.worst_sheet(options.runs).table()
         return
     for name, tables in PARTS.items():
         if options.part in (None, name):

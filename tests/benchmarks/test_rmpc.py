@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from bench.benchmarks.rmpc import command, nominal
+from bench.benchmarks.rmpc import command, nominal, worst
 from bench.benchmarks.rmpc.check import failures
 from bench.benchmarks.rmpc.contestants import OURS, Contestant, Result, by_cvxpy, contestants, solved
 from bench.benchmarks.rmpc.making import ORACLE_TOLERANCES, at_bounds, optima_of, random_problem, recorded_steps
@@ -152,6 +152,16 @@ def test_the_nominal_solvers_have_one_optimum(problems: Problems) -> None:
         if outcome.name in nominal.TITLES.values():
             np.testing.assert_allclose(outcome.costs, riccati, rtol=1e-4)
     assert len(nominal_sheet(outcomes).rows) == len(outcomes)
+
+
+def test_steps_of_random_runs_are_timed() -> None:
+    sheet = worst.worst_sheet(2)
+    clock, processor, *by_source = sheet.rows
+    assert int(clock[1]) == int(processor[1]) == sum(int(row[1]) for row in by_source)
+    # Of each vehicle but the cycles before its first reference.
+    assert 2 * 3 * 45 < int(clock[1]) <= 2 * 5 * 50
+    assert by_source[0][0] == "of the processor, gain by RICCATI"
+    assert all(len(row) == len(sheet.headings) for row in sheet.rows)
 
 
 def test_the_page_has_every_table(ours: Result, problems: Problems) -> None:

@@ -1,5 +1,8 @@
 """The semidefinite programme with changing numbers: right against cvxpy, and the same as one built afresh."""
 
+import subprocess
+import sys
+
 import cvxpy
 import numpy as np
 import pytest
@@ -154,3 +157,19 @@ def test_coefficients_that_were_not_listed_cannot_be_set() -> None:
     program = SemidefiniteProgram(np.ones(2), [(2, [Entry(0, 0, [0], [1.0]), Entry(1, 1, [1], [1.0])])], **ACCURACY)
     with pytest.raises(KeyError):
         program.coefficient_positions(0, [(0, 0, 1)])
+
+
+def test_of_scipy_only_lapack_is_loaded() -> None:
+    """Its packages would stop a tracker for 0.2 s when a bound first binds; they can still be imported afterwards."""
+    code = (
+        "import sys, numpy as np\nSCIPY = 'scipy.linalg', 'scipy.sparse'\n"
+        "from bench.control.semidefinite import Entry, SemidefiniteProgram\n"
+        "block = (2, [Entry(0, 0, [0], [1.0]), Entry(0, 1, constant=1.0), Entry(1, 1, [0], [1.0])])\n"
+        "solution = SemidefiniteProgram(np.ones(1), [block], tolerance=1e-9, max_iterations=50).solve()\n"
+        "print(round(float(solution.x[0]), 6), [name for name in SCIPY if name in sys.modules])\n"
+        "import scipy.linalg, scipy.sparse\n"
+        "from scipy.linalg import cython_lapack\n"
+        "print(scipy.linalg.solve_discrete_are(0.5 * np.eye(1), np.eye(1), np.eye(1), np.eye(1)).shape)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["1.0 []", "(1, 1)"]

@@ -16,6 +16,7 @@ from bench.benchmarks.rmpc.contestants import OURS, Contestant, Result, contesta
 from bench.benchmarks.rmpc.page import page
 from bench.benchmarks.rmpc.problems import FILE, Problems, load, save
 from bench.benchmarks.rmpc.tables import Sheet, groups_sheet, nominal_sheet, robust_sheet
+from bench.benchmarks.rmpc.worst import FEW, RUNS, worst_sheet
 from bench.errors import RunFailed
 from bench.files import check_directory, check_suffix, write_text
 
@@ -42,6 +43,7 @@ def sheets(problems: Problems, count: int) -> Iterator[Sheet | str]:
     outcomes = list(nominal.outcomes(found.sample(min(count, NOMINAL)), found.sample(min(count, TREE))))
     yield nominal_sheet([each for each in outcomes if not isinstance(each, str)])
     yield from (each for each in outcomes if isinstance(each, str))
+    yield worst_sheet(RUNS if count == len(problems) else FEW)
 
 
 def _result(contestant: Contestant, problems: Problems, count: int) -> Result:

@@ -8,6 +8,7 @@ import numpy as np
 from bench.benchmarks.rmpc.nominal import HORIZON
 from bench.benchmarks.rmpc.problems import Problems
 from bench.benchmarks.rmpc.tables import Sheet
+from bench.benchmarks.rmpc.worst import DURATION_S, RUNS
 
 _TEXT = Path(__file__).with_suffix(".md")
 
@@ -31,6 +32,8 @@ def page(problems: Problems, found: Sequence[Sheet | str], verdict: Sequence[str
         left_out=f" {left_out} more that it could not decide were left out." if left_out != "0" else "",
         tolerance=tolerance,
         horizon=HORIZON,
+        worst_runs=RUNS,
+        worst_s=DURATION_S,
         machine=machine,
         verdict="".join(f"{line}\n" for line in verdict) + "\n" if verdict else "",
         sheets="\n".join(each if isinstance(each, str) else each.markdown() for each in rest),
