@@ -2,15 +2,16 @@
 
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from typing import NamedTuple, Self
+from collections.abc import Callable, Mapping, Sequence
+
+import cython
 
 from bench.bus.codec import Codec
 from bench.bus.inbox import Inbox
 from bench.bus.link.base import Link
 from bench.bus.node import REST_S
 from bench.bus.outbox import Outbox
-from bench.bus.topic import Outgoing, Topic
+from bench.bus.topic import Topic
 from bench.cycle import time_of
 from bench.ecu.base import Ecu
 from bench.ecu.sent_values import Note, SentValues
@@ -22,19 +23,28 @@ INPUT_WAIT_S = 0.005
 """In real time, default of `input_wait_s`: time in s after BenchSync for which an ECU waits for its inputs."""
 
 
-class _Due(NamedTuple):
-    """A message that an ECU sends by the DBC: identifier, period in cycles, whether it is protected."""
+class _Due:
+    """A message that an ECU sends by the DBC.
 
-    topic: Topic
-    can_id: int
-    period: int
-    protected: bool
+    Attributes:
+        topic: bus and name.
+        can_id: its identifier.
+        period: period in cycles.
+        protected: whether it is protected.
+        asked: the newest cycle in which the ECU returned it; -1 before the first.
+        sent: the newest cycle in which it was also sent.
+        reported: whether it has been reported that the ECU does not send it.
+    """
 
-    @classmethod
-    def of(cls, topic: Topic, codec: Codec) -> Self:
-        """Return it as its bus's DBC has it."""
-        can_id = codec.can_id(topic.message)
-        return cls(topic, can_id, codec.period(topic.message), codec.is_protected(can_id))
+    def __init__(self, topic: Topic, codec: Codec) -> None:
+        """Describe it as its bus's DBC has it."""
+        self.topic = topic
+        self.can_id = codec.can_id(topic.message)
+        self.period = codec.period(topic.message)
+        self.protected = codec.is_protected(self.can_id)
+        self.asked = -1
+        self.sent = -1
+        self.reported = False
 
 
 class EcuNode:
@@ -75,7 +85,11 @@ class EcuNode:
         self.name = name
         self._ecu = ecu
         self._links = dict(links)
-        self._due = [_Due.of(topic, codecs[topic.bus]) for topic in sends]
+        self._due = [_Due(topic, codecs[topic.bus]) for topic in sends]
+        self._due_by_name: dict[str, dict[str, _Due]] = {topic.bus: {} for topic in sends}
+        due: _Due
+        for due in self._due:
+            self._due_by_name[due.topic.bus][due.topic.message] = due
         self._codecs = codecs
         self.input_wait_s = float(getattr(ecu, "input_wait_s", INPUT_WAIT_S))
         self._clock = clock
@@ -85,7 +99,6 @@ class EcuNode:
         except BadInput as error:
             raise BadInput(f"{name}: {error}") from None
         self._outbox = Outbox(name, links, codecs, plan)
-        self._silent: set[Topic] = set()
         self._sent_values = SentValues(name, {bus: codecs[bus] for bus in links}, note or _warn)
 
     @property
@@ -153,31 +166,33 @@ class EcuNode:
         return wake_at is not None and self._clock() >= wake_at
 
     def _step(self) -> None:
-        cycle, lockstep = self._inbox.cycle, not self._inbox.realtime
-        inputs = self._inbox.take()
-        outgoing = [*self._ecu.step(cycle, time_of(cycle), inputs, self._inbox.health)]
-        whole = [each for each in outgoing if self._sent_values.are_numbers(each, cycle)]
-        for each in whole:
-            self._outbox.put(each.bus, each.message, each.values)
-        self._outbox.send(cycle, lockstep=lockstep)
-        self._announce_absent({(each.bus, each.message) for each in whole}, outgoing, cycle, lockstep=lockstep)
+        inbox, outbox, sent_values, due_by_name = self._inbox, self._outbox, self._sent_values, self._due_by_name
+        cycle, lockstep = inbox.cycle, not inbox.realtime
+        inputs = inbox.take()
+        for each in self._ecu.step(cycle, time_of(cycle), inputs, inbox.health):
+            by_name: dict[str, _Due] | None = due_by_name.get(each.bus)
+            due: _Due | None = None if by_name is None else by_name.get(each.message)
+            if due is not None:
+                due.asked = cycle
+            if sent_values.are_numbers(each, cycle):
+                outbox.put(each.bus, each.message, each.values)
+                if due is not None:
+                    due.sent = cycle
+        outbox.send(cycle, lockstep=lockstep)
+        self._announce_absent(cycle, lockstep=lockstep)
 
-    def _announce_absent(
-        self, sent: Set[tuple[str, str]], asked: Iterable[Outgoing], cycle: int, *, lockstep: bool
-    ) -> None:
-        """Report the due messages that are not `sent`, and warn of those that were not even `asked` for."""
-        known = {(each.bus, each.message) for each in asked}
+    def _announce_absent(self, cycle: cython.longlong, *, lockstep: bool) -> None:
+        """Report the due messages that were not sent, and warn of those that the ECU did not even return."""
+        due: _Due
         for due in self._due:
-            topic, can_id, period, protected = due
-            place = (topic.bus, topic.message)
-            if cycle % period or place in sent:
+            if due.sent == cycle or cycle % due.period:
                 continue
             if lockstep:
                 # The others would wait for it.
-                self._outbox.absent(topic.bus, can_id, cycle)
-            if protected and place not in known and topic not in self._silent:
-                self._silent.add(topic)
-                warnings.warn(f"{self.name}: in cycle {cycle} it does not send {topic.message}", stacklevel=2)
+                self._outbox.absent(due.topic.bus, due.can_id, cycle)
+            if due.protected and due.asked != cycle and not due.reported:
+                due.reported = True
+                warnings.warn(f"{self.name}: in cycle {cycle} it does not send {due.topic.message}", stacklevel=2)
 
     @property
     def not_numbers(self) -> int:
