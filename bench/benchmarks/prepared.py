@@ -1,7 +1,7 @@
 """An FMI 2.0 FMU's binary called by plain ctypes, the fastest way from Python.
 
 There is nothing but ctypes between Python and the binary, and every array and argument is allocated once.
-`bench.plant.fmu` does nearly the same, but with fmpy's functions, and with the checks and copies that a plant needs.
+`bench.plant.fmu` does nearly the same, with the checks and copies that a plant needs.
 """
 
 from collections.abc import Callable

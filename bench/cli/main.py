@@ -77,6 +77,8 @@ def main() -> None:
     sys.path[:] = search_path()
     # Before numpy is loaded: on matrices of three rows threads only slow it down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Looking for pydantic's plugins, in all installed packages, takes longer than building a scenario's models.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     warnings.formatwarning = lambda text, *_args, **_rest: f"{message(str(text))}\n"
     # Not undone: the interpreter itself prints the traceback of what nobody expected.
     guard()

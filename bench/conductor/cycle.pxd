@@ -1,6 +1,6 @@
 from bench.bus.layout cimport Layout
 
-cdef object _new
+cdef object _new, _identifier
 
 cdef class CycleFrames:
     cdef readonly long long number
@@ -8,8 +8,8 @@ cdef class CycleFrames:
     cdef readonly list due
     cdef readonly set spoiled
     cdef object _due, _codecs, _plan, _refusals
-    cdef dict _sync_id, _absent_id, _layouts, _missing, _extra
-    cdef long long _count, _counter
+    cdef dict _sync_id, _absent_id, _layouts, _due_in, _missing, _extra
+    cdef long long _count, _counter, _repeats
 
     cdef object _extra_frames(self)
     cdef bint _take_other(self, str bus, object frame, bint is_missing) except -1

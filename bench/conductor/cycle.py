@@ -1,6 +1,8 @@
 """One cycle of a run: due frames, received frames, and the ECUs that keep the others waiting."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from operator import itemgetter
 
 import cython
 
@@ -18,6 +20,7 @@ from bench.faults.plan import FaultPlan
 from bench.names import CONDUCTOR
 
 _new = tuple.__new__
+_identifier = itemgetter(1)
 
 Due = Mapping[str, Mapping[int, Transmission]]
 """The periodic frames of a run, by bus and identifier."""
@@ -59,6 +62,9 @@ class CycleFrames:
             bus: {can_id: codecs[bus].layout(each.message) for can_id, each in every.items()}
             for bus, every in due.items()
         }
+        # What is due repeats itself after so many cycles.
+        self._repeats = math.lcm(*(each.period for every in due.values() for each in every.values()))
+        self._due_in: dict[int, dict[str, dict[int, Transmission]]] = {}
         self._missing: dict[str, dict[int, Transmission]] = {}
         self._extra: dict[tuple[str, int], int] = {}
         self._count = 0
@@ -72,10 +78,13 @@ class CycleFrames:
         """Start to collect the cycle `number`."""
         self.number = number
         self._counter = number % COUNTER_MODULUS
-        self._missing = {
-            bus: {can_id: each for can_id, each in due.items() if number % each.period == 0}
-            for bus, due in self._due.items()
-        }
+        place = number % self._repeats
+        if place not in self._due_in:
+            self._due_in[place] = {
+                bus: {can_id: each for can_id, each in due.items() if number % each.period == 0}
+                for bus, due in self._due.items()
+            }
+        self._missing = {bus: due.copy() for bus, due in self._due_in[place].items()}
         self._count = sum(len(due) for due in self._missing.values())
         self._extra = self._extra_frames()
         self._count += sum(self._extra.values())
@@ -176,10 +185,10 @@ class CycleFrames:
         """Return the frames in the order of the log: by bus, then by identifier, whatever order they arrived in."""
         for bus, frames in self.frames.items():
             absent_id = self._absent_id[bus]
-            # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
-            yield from sorted(
-                frames, key=lambda frame: (frame.can_id, frame.data[2:] if frame.can_id == absent_id else b"")
-            )
+            if any(frame[1] == absent_id for frame in frames):
+                # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
+                frames = sorted(frames, key=lambda frame: frame.data[2:] if frame.can_id == absent_id else b"")
+            yield from sorted(frames, key=_identifier)
 
     def missing(self) -> list[Transmission]:
         """The missing frames."""

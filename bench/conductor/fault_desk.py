@@ -11,7 +11,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from bench.conductor.fault_server import FaultServer
 from bench.conductor.fault_socket import (
@@ -30,8 +30,7 @@ from bench.conductor.free_slots import refuse_outages
 from bench.cycle import time_of
 from bench.errors import BadInput
 from bench.events import FaultBegins, FaultEnds, FaultRequested
-from bench.faults.base import Fault
-from bench.faults.kinds import AnyFault
+from bench.faults.kinds import ONE_FAULT
 from bench.faults.plan import FaultBoard, FaultPlan
 from bench.scenario.errors import explain_fault
 from bench.scenario.fault_targets import target_problems
@@ -39,7 +38,6 @@ from bench.scenario.fault_targets import target_problems
 if TYPE_CHECKING:  # the recorder is imported while the processes start
     from bench.conductor.recorder import Recorder
 
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 
 _GREETING_S = 2.0
 """Wall-clock time in s that a bench may take to say which one it is."""
@@ -121,7 +119,7 @@ class FaultDesk:
     def _answer(self, asked: dict[str, Any], cycle: int) -> dict[str, Any]:
         now_s = time_of(cycle)
         try:
-            fault = _FAULTS.validate_json(line_of({"at_s": now_s, **asked}))
+            fault = ONE_FAULT.validate_json(line_of({"at_s": now_s, **asked}))
             if fault.at_s < now_s:
                 return {"error": f"at_s = {fault.at_s:g} has passed; the run is at {now_s:g} s"}
             if fault.at_s >= self._end_s:
@@ -132,7 +130,7 @@ class FaultDesk:
             refuse_outages([fault], self._without)
             self._board.post(fault)
         except ValidationError as error:
-            return _refusal(explain_fault(error, _FAULTS.json_schema()))
+            return _refusal(explain_fault(error, ONE_FAULT.json_schema()))
         except (ValueError, TypeError, BadInput) as error:
             return _refusal(str(error))
         self.plan.refresh()

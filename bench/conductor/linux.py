@@ -10,6 +10,7 @@ import time
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_NAME = 15
@@ -178,6 +179,34 @@ def _prctl(request: int, argument: int | bytes) -> None:
 def processor_time(pid: int) -> float:
     """Return the processor time of a process in s; 0 if it has ended."""
     return sum(map(int, _stat_after_name(pid)[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
+class Taken(NamedTuple):
+    """What a process has taken of the machine.
+
+    Attributes:
+        processor_s: its processor time in s, user and system.
+        memory: its resident memory in bytes.
+        preemptions: how often others took its processor (involuntary context switches).
+    """
+
+    processor_s: float
+    memory: int
+    preemptions: int
+
+
+def taken(pid: int) -> Taken | None:
+    """Return what a process has taken of the machine; None if it has ended."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(errors="replace")
+    except OSError:
+        return None
+    lines = dict(line.partition(":")[::2] for line in status.splitlines())
+    if "VmRSS" not in lines:
+        # It has ended, but its parent does not know yet.
+        return None
+    memory_kib = lines["VmRSS"].split()[0]
+    return Taken(processor_time(pid), int(memory_kib) * 1024, int(lines["nonvoluntary_ctxt_switches"]))
 
 
 def _stat_after_name(pid: int) -> list[str]:

@@ -4,8 +4,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 
-import psutil
-
+from bench.conductor.linux import taken
 from bench.names import CONDUCTOR
 from bench.record.process_usage import ProcessUsage
 
@@ -20,7 +19,6 @@ class ProcessWatch:
         """Watch the processes returned by `pids`, by name, and this one."""
         self._pids = pids
         self._due = 0.0
-        self._processes: dict[int, psutil.Process] = {}
         self._before: dict[int, tuple[float, float]] = {}
 
     def samples(self) -> Iterator[tuple[str, ProcessUsage]]:
@@ -30,20 +28,16 @@ class ProcessWatch:
             return
         self._due = now + PERIOD_S
         for name, pid in {CONDUCTOR: os.getpid(), **self._pids()}.items():
-            try:
-                yield name, self._sample(pid, now)
-            except psutil.Error:
-                # It has just ended; the crew notices that.
-                self._processes.pop(pid, None)
+            sample = self._sample(pid, now)
+            # Without one it has just ended; the crew notices that.
+            if sample is not None:
+                yield name, sample
 
-    def _sample(self, pid: int, now: float) -> ProcessUsage:
-        if pid not in self._processes:
-            self._processes[pid] = psutil.Process(pid)
-        process = self._processes[pid]
-        with process.oneshot():
-            times = process.cpu_times()
-            cpu = times.user + times.system
-            at, before = self._before.get(pid, (now, cpu))
-            self._before[pid] = now, cpu
-            share = (cpu - before) / (now - at) if now > at else 0.0
-            return ProcessUsage(cpu, share, process.memory_info().rss, process.num_ctx_switches().involuntary)
+    def _sample(self, pid: int, now: float) -> ProcessUsage | None:
+        has = taken(pid)
+        if has is None:
+            return None
+        at, before = self._before.get(pid, (now, has.processor_s))
+        self._before[pid] = now, has.processor_s
+        share = (has.processor_s - before) / (now - at) if now > at else 0.0
+        return ProcessUsage(has.processor_s, share, has.memory, has.preemptions)

@@ -8,7 +8,7 @@ import inspect
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Union
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, TypeAdapter
 
 from bench.faults import frames, nodes, processes, sensors, vehicles
 from bench.faults.base import Fault
@@ -29,3 +29,7 @@ if TYPE_CHECKING:
 else:
     # As pydantic reads it: the table's `kind` selects the class.
     AnyFault = Annotated[Union[tuple(kinds().values())], Field(discriminator="kind")]  # noqa: UP007 - not known before
+
+# Built when it is needed: most runs have no fault.
+ONE_FAULT: TypeAdapter[Fault] = TypeAdapter(AnyFault, config=ConfigDict(defer_build=True))
+"""Validates one fault of any kind."""

@@ -12,17 +12,14 @@ from collections.abc import Sequence
 from functools import lru_cache, partial
 from random import Random
 
-from pydantic import TypeAdapter
-
 from bench.cycle import CYCLE_S
 from bench.faults.base import Fault, FrameContext, Window
-from bench.faults.kinds import AnyFault
+from bench.faults.kinds import ONE_FAULT
 from bench.memory_file import memory_file
 
 Faults = tuple[tuple[int, Fault], ...]
 """The faults active in a cycle, each with its number in the plan."""
 
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 _HEAD = struct.Struct("<II")
 _CYCLES, _REALTIME, _STOPPED = 2, 3, 4
 """Words of the board, after those of `_HEAD`: cycles opened so far, whether in real time, whether told to stop."""
@@ -73,7 +70,7 @@ class FaultBoard:
         """Return all faults on the board, in the order they were posted."""
         count, used = _HEAD.unpack_from(self._memory)
         lines = bytes(self._memory[_FAULTS_AT : _FAULTS_AT + used]).splitlines()
-        return [_FAULTS.validate_json(line) for line in lines[:count]]
+        return [ONE_FAULT.validate_json(line) for line in lines[:count]]
 
     def open_cycle(self, cycle: int, *, realtime: bool) -> None:
         """Note that the BenchSync of a cycle follows."""

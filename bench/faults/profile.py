@@ -21,7 +21,9 @@ from pydantic_core import CoreSchema, core_schema
 
 from bench.faults.meaning import describe
 
-STRICT = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, json_schema_extra=describe)
+STRICT = ConfigDict(
+    defer_build=True, frozen=True, extra="forbid", strict=True, allow_inf_nan=False, json_schema_extra=describe
+)
 """Validation of all parts of a scenario: no unknown key, no text in place of a number, no NaN."""
 
 

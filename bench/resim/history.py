@@ -4,16 +4,14 @@ import json
 from contextlib import suppress
 from dataclasses import dataclass
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from bench.cycle import CYCLE_MS
 from bench.events import EcuFailed, FaultBegins, FaultRequested
 from bench.faults.base import Fault
 from bench.faults.former import renewed
-from bench.faults.kinds import AnyFault
+from bench.faults.kinds import ONE_FAULT
 from bench.record.reader import Run
-
-_FAULTS: TypeAdapter[Fault] = TypeAdapter(AnyFault)
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ def read_history(run: Run) -> History:
         if event.kind == FaultRequested.kind:
             # Faults unknown to this version are left out, but counted.
             with suppress(ValidationError):
-                faults.append(_FAULTS.validate_json(json.dumps(renewed(event.fields["fault"]))))
+                faults.append(ONE_FAULT.validate_json(json.dumps(renewed(event.fields["fault"]))))
         elif event.kind == FaultBegins.kind:
             begun += 1
         elif event.kind == EcuFailed.kind:

@@ -9,7 +9,16 @@ from pathlib import Path
 
 import pytest
 
-from bench.conductor.linux import as_batch_work, enlarge_pipe, pin, real_time, set_real_time, stolen_s, wait_until
+from bench.conductor.linux import (
+    as_batch_work,
+    enlarge_pipe,
+    pin,
+    real_time,
+    set_real_time,
+    stolen_s,
+    taken,
+    wait_until,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux takes these requests")
 
@@ -94,3 +103,17 @@ def test_a_pipe_is_made_larger() -> None:
     assert fcntl.fcntl(writer, fcntl.F_GETPIPE_SZ) in (before, 1 << 20)
     os.close(reader)
     os.close(writer)
+
+
+def test_a_process_that_has_ended_takes_nothing_even_while_its_parent_has_not_waited_for_it() -> None:
+    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    has = taken(child.pid)
+    assert has is not None
+    assert has.memory > 1_000_000
+    assert has.preemptions >= 0
+    assert child.stdin is not None
+    child.stdin.close()
+    os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)
+    assert taken(child.pid) is None
+    child.wait()
+    assert taken(child.pid) is None

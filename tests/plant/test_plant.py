@@ -4,6 +4,7 @@ import math
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -199,6 +200,19 @@ def test_a_failing_fmu_is_named_with_the_call(stack: ExitStack) -> None:
     stack.callback(fmu.close)
     with pytest.raises(RunFailed, match=r"the FMU of veh1 failed: fmi2SetReal failed with status 3 \(error\)"):
         fmu.step(0.0, 0.01, [math.nan] * len(description.inputs))
+
+
+def test_an_fmu_that_cannot_be_loaded_is_named_with_the_reason(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    description = read_description(default_fmu())
+    with pytest.raises(RunFailed, match=r"veh1: the FMU cannot be loaded on this machine: .*Vehicle\.so"):
+        FmuInstance(description, tmp_path, "veh1", {})
+    stranger = replace(description, guid="{another}")
+    with pytest.raises(RunFailed, match="veh1: the FMU cannot be loaded on this machine: it creates no instance"):
+        FmuInstance(stranger, unpack(default_fmu()), "veh1", {})
+    # Its own words are what a person needs.
+    assert "[ERROR] " in capfd.readouterr().out
 
 
 def test_start_values_that_the_fmu_does_not_have_are_named() -> None:
