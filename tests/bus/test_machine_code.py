@@ -5,7 +5,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.bus.codec import load_codecs
@@ -18,7 +18,7 @@ from tests.plain import bits, compiled, plain
 
 WAYS = (compiled, plain)
 frames_of_8 = st.binary(min_size=8, max_size=8)
-relaxed = settings(deadline=None, max_examples=60)
+relaxed = settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 
 
 def both(name: str) -> list:
@@ -135,7 +135,7 @@ def test_length_and_priority_of_frames(frames):
     assert one == other
 
 
-@settings(deadline=None, max_examples=20)
+@settings(relaxed, max_examples=20)
 @given(st.data())
 def test_times_on_the_wire(codecs, data):
     """Any messages of two vehicles, cycle after cycle, in lockstep and by the wall clock."""
@@ -167,7 +167,7 @@ def test_times_on_the_wire(codecs, data):
     assert any(found[0])
 
 
-@settings(deadline=None, max_examples=20)
+@settings(relaxed, max_examples=20)
 @given(st.lists(st.binary(min_size=1, max_size=40), min_size=1, max_size=100))
 def test_datagrams_arrive_as_they_were_sent(sent):
     for module in both("link.datagrams"):

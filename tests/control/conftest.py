@@ -1,14 +1,14 @@
 """What the tests of the control share: the nominal vehicle and its model at the bench's cycle of 10 ms."""
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from bench.control.allocation import Allocation, allocate
 from bench.control.vehicle_model import VehicleModel
 from platoon_fmu.parameters import VehicleParameters
 
-# No test asserts on wall-clock time, so none by Hypothesis' deadline either.
-settings.register_profile("no_deadline", deadline=None)
+# No test asserts on wall-clock time, so none by Hypothesis' deadline or patience either.
+settings.register_profile("no_deadline", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("no_deadline")
 
 

@@ -1,7 +1,5 @@
 """The control's machine code gives the same bits as its plain text, which is interpreted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -170,5 +168,5 @@ def test_tracker(steps):
     made = [each.Tracker(TrackerSettings(), VehicleParameters(), 0.01) for each in both("tracker")]
     for error, v, gamma in steps:
         xi = np.array([v, 0.0, gamma]) + 0.1 * error
-        found = [bits(replace(each.step(xi, (v, gamma), (v + 0.01, gamma)), solve_s=0.0)) for each in made]
+        found = [bits(each.step(xi, (v, gamma), (v + 0.01, gamma))._replace(solve_s=0.0)) for each in made]
         assert found[0] == found[1]

@@ -1,6 +1,6 @@
 """The machine code of what ECUs check gives the same bits as its plain text."""
 
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.bus.codec import load_codecs
@@ -12,7 +12,7 @@ from tests.ecu.drive import Drive
 from tests.plain import bits, compiled, plain
 
 WAYS = (compiled, plain)
-some = settings(deadline=None, max_examples=30)
+some = settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 numbers = st.one_of(st.floats(), st.floats(-50.0, 50.0))
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bench.bus.codec import DBC_DIR, Codec
@@ -13,7 +13,7 @@ WAYS = (compiled, plain)
 times = st.integers(0, 2**63 - 1)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(st.lists(st.tuples(times, st.integers(0, 2**32 - 1), times, times, st.binary(max_size=8)), min_size=1))
 def test_can_frames(rows):
     table = np.zeros(len(rows), FRAME)
@@ -45,7 +45,7 @@ def tables() -> list:
     return made
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_signals(tables, data):
     count = len(tables[0][0])
