@@ -40,6 +40,12 @@ from platoon_fmu.interpreter import python
 FLAGS = ("-O2", "-fPIC", "-shared", "-fwrapv", "-ffp-contract=off", "-fvisibility=hidden", "-DNDEBUG", "-w")
 """Options of the C compiler."""
 
+LOOP_FLAGS = ("-O3", "-fno-math-errno", "-fno-trapping-math")
+"""More of them for `VECTORISED`: none changes what is computed."""
+
+VECTORISED = frozenset(f"bench.control.{name}" for name in ("boundaries", "flocking", "genetic", "near_identity"))
+"""The modules with loops over lanes of vehicles, see `bench.control.agents`."""
+
 KEPT = 3
 """Number of states of the sources whose libraries are kept: a process that still runs may load more of its own."""
 
@@ -107,9 +113,13 @@ def _cython_version() -> str:
 
 def _key(module: str) -> str:
     """Return a hash of all that a module's library is made from."""
-    facts = [SUFFIX, _cython_version(), *FLAGS, module]
+    facts = [SUFFIX, _cython_version(), *FLAGS, *_loop_flags(module), module]
     facts += [file.read_text(encoding="utf-8") for file in (source_of(module), *_declarations_for(module))]
     return hashlib.sha256("\0".join(facts).encode()).hexdigest()[:24]
+
+
+def _loop_flags(module: str) -> tuple[str, ...]:
+    return LOOP_FLAGS if module in VECTORISED else ()
 
 
 def _declarations_for(module: str) -> list[Path]:
@@ -252,7 +262,8 @@ def _translate_and_compile(module: str, library: Path, command: Sequence[str]) -
         if result.num_errors:
             raise _NotCompiled(f"{source_of(module)}: Cython cannot translate it")
         built = Path(folder, library.name)
-        done = subprocess.run([*command, str(c_file), "-o", str(built)], capture_output=True, text=True, check=False)
+        compile_ = [*command, *_loop_flags(module), str(c_file), "-o", str(built)]
+        done = subprocess.run(compile_, capture_output=True, text=True, check=False)
         if done.returncode:
             raise _NotCompiled(f"{source_of(module)}: {done.stderr.strip()}")
         built.replace(library)

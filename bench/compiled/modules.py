@@ -16,6 +16,7 @@ COMPILED: tuple[str, ...] = (
     "bench.bus.wire.frame_length",
     "bench.bus.wire.timing",
     "bench.conductor.cycle",
+    "bench.control.agents",
     "bench.control.boundaries",
     "bench.control.certificate",
     "bench.control.flat_matrices",

@@ -1,5 +1,7 @@
 cimport cython
 
+from bench.control.agents cimport Agents
+
 cdef double YAW_SHARE
 cdef int _NONE, _YAW_RATE, _ACCELERATION, _FRICTION_CIRCLE, _SPEED
 
@@ -14,3 +16,6 @@ cpdef double speed_reach(double v, bint accelerating, double step_s, Boundaries 
 cpdef (double, double, int) admissible(
     double v, double gamma, double v_rate, double gamma_rate, double step_s, Boundaries limits
 ) noexcept
+cdef void limit(Agents agents, double step_s, Boundaries limits) noexcept
+cdef void set_yaw_rates_max(Agents agents, Boundaries limits) noexcept
+cdef void set_speeds_reach(Agents agents, double step_s, Boundaries limits) noexcept

@@ -12,9 +12,12 @@ from bench.control.outcome import Limit
 from platoon_fmu.parameters import VehicleParameters
 
 if cython.compiled:
+    from cython.cimports.bench.control.agents import LANES, Agents
     from cython.cimports.libc.math import sqrt
 else:
     from math import sqrt
+
+    from bench.control.agents import LANES, Agents
 
 YAW_SHARE = 0.85
 """Fraction of the adhesion available for lateral acceleration, (29)."""
@@ -134,28 +137,55 @@ def admissible(
         step_s: T, s.
         limits: the boundaries.
     """
-    bound: cython.int = _NONE
-    if v_rate < limits._lowest or v_rate > limits._highest:
-        v_rate = min(max(v_rate, limits._lowest), limits._highest)
-        bound = _ACCELERATION
+    # Without branches, so that the loop over many agents is vectorised.
+    asked: cython.double = v_rate
+    v_rate = min(max(v_rate, limits._lowest), limits._highest)
+    bound: cython.int = _NONE if v_rate == asked else _ACCELERATION
 
     swing: cython.double = limits.yaw_acceleration_max
-    gamma_next: cython.double = gamma + step_s * min(max(gamma_rate, -swing), swing)
     # The boundary at the highest speed within this step, so that it holds throughout.
     v_fast: cython.double = max(v, v + step_s * v_rate, limits.speed_min)
-    if abs(gamma_next) * v_fast > limits.share * limits.lateral_max:
-        gamma_max: cython.double = limits.share * yaw_rate_max(v_fast, limits.mu_g)
-        gamma_next = gamma_max if gamma_next > 0.0 else -gamma_max
-        bound = _YAW_RATE
+    gamma_max: cython.double = limits.share * yaw_rate_max(v_fast, limits.mu_g)
+    gamma_next: cython.double = gamma + step_s * min(max(gamma_rate, -swing), swing)
+    asked = gamma_next
+    gamma_next = min(max(gamma_next, -gamma_max), gamma_max)
+    turns_less: cython.bint = gamma_next != asked
 
-    lateral: cython.double = gamma_next * v_fast
-    if v_rate * v_rate + lateral * lateral > limits._grip * limits._grip:
-        circle: cython.double = largest_acceleration(gamma_next, v_fast, limits)
-        v_rate = circle if v_rate > 0.0 else -circle
-        if bound != _YAW_RATE:
-            bound = _FRICTION_CIRCLE
-    v_next: cython.double = v + step_s * v_rate
-    if v_next < limits.speed_min or v_next > limits.speed_max:
-        v_next = min(max(v_next, limits.speed_min), limits.speed_max)
-        bound = _SPEED
-    return v_next, gamma_next, bound
+    circle: cython.double = largest_acceleration(gamma_next, v_fast, limits)
+    asked = v_rate
+    v_rate = min(max(v_rate, -circle), circle)
+    bound = bound if v_rate == asked else _FRICTION_CIRCLE
+    bound = _YAW_RATE if turns_less else bound
+
+    asked = v + step_s * v_rate
+    v_next: cython.double = min(max(asked, limits.speed_min), limits.speed_max)
+    return v_next, gamma_next, bound if v_next == asked else _SPEED
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def limit(agents: Agents, step_s: cython.double, limits: Boundaries) -> cython.void:
+    """Advance each agent's speed and yaw rate by a step (s) as requested, within the boundaries."""
+    i: cython.int
+    for i in range(LANES):
+        agents.v[i], agents.gamma[i], _ = admissible(
+            agents.v[i], agents.gamma[i], agents.v_rate[i], agents.gamma_rate[i], step_s, limits
+        )
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def set_yaw_rates_max(agents: Agents, limits: Boundaries) -> cython.void:
+    """Set each agent's largest yaw rate at its speed."""
+    i: cython.int
+    for i in range(LANES):
+        agents.gamma_max[i] = yaw_rate_max(agents.v[i], limits.mu_g)
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def set_speeds_reach(agents: Agents, step_s: cython.double, limits: Boundaries) -> cython.void:
+    """Set the extreme speed that each agent could have reached in the direction in which its speed has changed."""
+    i: cython.int
+    for i in range(LANES):
+        agents.v_reach[i] = speed_reach(agents.v_before[i], agents.v[i] >= agents.v_before[i], step_s, limits)

@@ -1,9 +1,11 @@
 cimport cython
 
+from bench.control.agents cimport Agents
 from bench.control.boundaries cimport Boundaries
 from bench.control.flocking cimport Field, Gains, Neighbours
 
 cdef int _COUNT
+cdef double MUTATED, BEYOND
 
 @cython.final
 cdef class Situation:
@@ -20,13 +22,13 @@ cdef class Rollout:
 
 @cython.final
 cdef class Candidate:
-    cdef readonly Gains gains
+    cdef Gains gains
     cdef readonly double cost
-    cdef double X, Y, c, s, v, gamma
 
 @cython.final
 cdef class Breeding:
     cdef readonly Gains lower, upper
     cdef readonly int population, generations
     cdef readonly double mutation
+    cdef list pool
 

@@ -14,20 +14,28 @@ import cython
 from bench.control.settings import CostWeights, GeneticSettings
 
 if cython.compiled:
-    from cython.cimports.bench.control.boundaries import Boundaries, admissible, speed_reach, yaw_rate_max
-    from cython.cimports.bench.control.flocking import Field, Gains, Neighbours, acceleration, copied
-    from cython.cimports.bench.control.near_identity import input_rates, point, turned, velocity
+    from cython.cimports.bench.control.agents import LANES, Agents
+    from cython.cimports.bench.control.boundaries import Boundaries, limit, set_speeds_reach, set_yaw_rates_max
+    from cython.cimports.bench.control.flocking import Field, Gains, Neighbours, accelerate, take_gains
+    from cython.cimports.bench.control.near_identity import locate, move, request
     from cython.cimports.bench.control.random_numbers import RandomNumbers
     from cython.cimports.libc.math import ceil
 else:
     from math import ceil
 
-    from bench.control.boundaries import Boundaries, admissible, speed_reach, yaw_rate_max
-    from bench.control.flocking import Field, Gains, Neighbours, acceleration, copied
-    from bench.control.near_identity import input_rates, point, turned, velocity
+    from bench.control.agents import LANES, Agents
+    from bench.control.boundaries import Boundaries, limit, set_speeds_reach, set_yaw_rates_max
+    from bench.control.flocking import Field, Gains, Neighbours, accelerate, take_gains
+    from bench.control.near_identity import locate, move, request
     from bench.control.random_numbers import RandomNumbers
 
 _COUNT = 6
+
+MUTATED = 0.3
+"""Share of a child's gains that mutate."""
+
+BEYOND = 2.0
+"""How far a child can lie from the worse parent, in distances to the better one."""
 
 
 @cython.cclass
@@ -96,7 +104,7 @@ class Rollout:
 
 @cython.cclass
 class Candidate:
-    """One Lambda, and the state of its rollout.
+    """One Lambda and its cost.
 
     Attributes:
         gains: Lambda.
@@ -106,107 +114,80 @@ class Candidate:
     def __init__(self, gains: Sequence[float]) -> None:
         self.gains = Gains(gains)
         self.cost = 0.0
-        self.X = 0.0
-        self.Y = 0.0
-        self.c = 1.0
-        self.s = 0.0
-        self.v = 0.0
-        self.gamma = 0.0
 
 
 @cython.ccall
 def roll_out(candidates: list[Candidate], first: cython.int, situation: Situation, rollout: Rollout) -> cython.void:
-    """Set the cost of the candidates from number `first` on.
-
-    They are rolled out side by side, step by step: their chains of operations are independent, so that the processor
-    works on several at a time.
-    """
+    """Set the cost of the candidates from number `first` on: as many side by side as there are lanes."""
+    agents: Agents = Agents()
     count: cython.int = len(candidates)
     i: cython.int
+    while first < count:
+        for i in range(LANES):
+            # The last lanes repeat a candidate where there are no more.
+            take_gains(agents, i, cython.cast(Candidate, candidates[min(first + i, count - 1)]).gains)
+        _roll_out_lanes(agents, situation, rollout)
+        for i in range(min(LANES, count - first)):
+            cython.cast(Candidate, candidates[first + i]).cost = agents.cost[i]
+        first += LANES
+
+
+@cython.cfunc
+@cython.exceptval(check=False)
+def _roll_out_lanes(agents: Agents, situation: Situation, model: Rollout) -> cython.void:
+    """Roll out agents whose gains are set from the same situation, and set their costs."""
+    i: cython.int
     k: cython.int
-    each: Candidate
-    for i in range(first, count):
-        each = cython.cast(Candidate, candidates[i])
-        each.cost = 0.0
-        each.X = situation.X
-        each.Y = situation.Y
-        each.c = situation.c
-        each.s = situation.s
-        each.v = situation.v
-        each.gamma = situation.gamma
+    for i in range(LANES):
+        agents.cost[i] = 0.0
+        agents.X[i] = situation.X
+        agents.Y[i] = situation.Y
+        agents.c[i] = situation.c
+        agents.s[i] = situation.s
+        agents.v[i] = situation.v
+        agents.gamma[i] = situation.gamma
+    set_yaw_rates_max(agents, model.limits)
     # The Euler step of the yaw rate needs l > v T / 2; the long steps of the horizon are divided accordingly.
-    parts: cython.int = cython.cast(cython.int, ceil(situation.v * rollout.step_s / rollout.length)) + 1
-    others: Neighbours = copied(situation.neighbours)
-    for k in range(rollout.steps):
-        ahead: cython.double = situation.platoon_speed * (k * rollout.step_s) + rollout.length
-        for i in range(first, count):
-            each = cython.cast(Candidate, candidates[i])
-            _advance(
-                each, others, situation.target_x + ahead, situation.target_y, situation.platoon_speed, parts, rollout
-            )
-        others.advance(rollout.step_s)
-    for i in range(first, count):
-        each = cython.cast(Candidate, candidates[i])
-        each.cost /= rollout.steps
+    parts: cython.int = cython.cast(cython.int, ceil(situation.v * model.step_s / model.length)) + 1
+    for k in range(model.steps):
+        _advance(agents, k * model.step_s, parts, situation, model)
+    for i in range(LANES):
+        agents.cost[i] /= model.steps
 
 
 @cython.cfunc
 @cython.exceptval(check=False)
 def _advance(
-    each: Candidate,
-    others: Neighbours,
-    q_hat_x: cython.double,
-    q_hat_y: cython.double,
-    platoon_speed: cython.double,
-    parts: cython.int,
-    model: Rollout,
+    agents: Agents, time_s: cython.double, parts: cython.int, situation: Situation, model: Rollout
 ) -> cython.void:
-    """Roll one candidate out by one step of the horizon, and add its cost."""
-    limits: Boundaries = model.limits
-    length: cython.double = model.length
+    """Roll out by one step of the horizon, which begins at `time_s`, and add its costs, (34)."""
     part_s: cython.double = model.step_s / parts
-    X: cython.double = each.X
-    Y: cython.double = each.Y
-    c: cython.double = each.c
-    s: cython.double = each.s
-    v: cython.double = each.v
-    gamma: cython.double = each.gamma
-    cost: cython.double = each.cost
-    q_x: cython.double
-    q_y: cython.double
-    p_x: cython.double
-    p_y: cython.double
-    u_x: cython.double
-    u_y: cython.double
-    v_rate: cython.double
-    gamma_rate: cython.double
-    q_x, q_y = point(X, Y, c, s, length)
-    p_x, p_y = velocity(c, s, v, gamma, length)
-    u_x, u_y = acceleration(q_x, q_y, p_x, p_y, others, q_hat_x, q_hat_y, platoon_speed, 0.0, each.gains, model.field)
+    speed: cython.double = situation.platoon_speed
+    q_hat_x: cython.double = situation.target_x + speed * time_s + model.length
+    q_hat_y: cython.double = situation.target_y
+    i: cython.int
+    locate(agents, model.length)
+    accelerate(agents, situation.neighbours, time_s, q_hat_x, q_hat_y, speed, 0.0, model.field)
+    for i in range(LANES):
+        agents.v_before[i] = agents.v[i]
+        e_x: cython.double = agents.q_x[i] - q_hat_x
+        e_y: cython.double = agents.q_y[i] - q_hat_y
+        w_x: cython.double = agents.p_x[i] - speed
+        w_y: cython.double = agents.p_y[i]
+        agents.cost[i] += model.position * (e_x * e_x + e_y * e_y) + model.velocity * (w_x * w_x + w_y * w_y)
     for _ in range(parts):
-        v_rate, gamma_rate = input_rates(c, s, v, gamma, length, u_x, u_y)
-        asked: cython.double = abs(gamma + part_s * gamma_rate)
-        if asked * v > limits.lateral_max:
-            over: cython.double = asked - yaw_rate_max(v, limits.mu_g)
-            cost += model.boundary * over * over / parts
-        v, gamma, _bound = admissible(v, gamma, v_rate, gamma_rate, part_s, limits)
-        X += part_s * v * c
-        Y += part_s * v * s
-        c, s = turned(c, s, part_s * gamma)
-    unused_speed: cython.double = v - speed_reach(each.v, v >= each.v, model.step_s, limits)
-    unused_yaw: cython.double = abs(gamma) - yaw_rate_max(v, limits.mu_g)
-    e_x: cython.double = q_x - q_hat_x
-    e_y: cython.double = q_y - q_hat_y
-    w_x: cython.double = p_x - platoon_speed
-    cost += model.position * (e_x * e_x + e_y * e_y) + model.velocity * (w_x * w_x + p_y * p_y)
-    cost += model.speed * unused_speed * unused_speed + model.yaw * unused_yaw * unused_yaw
-    each.X = X
-    each.Y = Y
-    each.c = c
-    each.s = s
-    each.v = v
-    each.gamma = gamma
-    each.cost = cost
+        request(agents, model.length)
+        for i in range(LANES):
+            over: cython.double = max(abs(agents.gamma[i] + part_s * agents.gamma_rate[i]) - agents.gamma_max[i], 0.0)
+            agents.cost[i] += model.boundary * over * over / parts
+        limit(agents, part_s, model.limits)
+        set_yaw_rates_max(agents, model.limits)
+        move(agents, part_s)
+    set_speeds_reach(agents, model.step_s, model.limits)
+    for i in range(LANES):
+        unused_speed: cython.double = agents.v[i] - agents.v_reach[i]
+        unused_yaw: cython.double = abs(agents.gamma[i]) - agents.gamma_max[i]
+        agents.cost[i] += model.speed * unused_speed * unused_speed + model.yaw * unused_yaw * unused_yaw
 
 
 @cython.cclass
@@ -224,6 +205,7 @@ class Breeding:
         self.population = settings.population
         self.generations = settings.generations
         self.mutation = settings.mutation
+        self.pool = [Candidate(lower.tolist()) for _ in range(2 * settings.population)]
 
     def middle(self) -> tuple[float, ...]:
         """Return the gains in the middle of the bounds, with Gb raised to Ga where it is below it."""
@@ -236,8 +218,10 @@ def search(
 ) -> tuple[tuple[float, ...], float]:
     """The best Lambda found (6,) and its cost; the same arguments give the same result.
 
-    The gains of the last interval always compete, so the cost never exceeds theirs. The two best candidates of each
-    generation survive, tournaments of two select parents, children blend two parents, and mutations are normal.
+    The first generation has the gains of the last interval, as many mutations of them as fit into half of it, and
+    random ones. Of each generation and its children the best survive, so the cost never exceeds that of the last
+    gains. Tournaments of two select parents; a child of two lies on the way from the worse one to the better one or
+    beyond it, which soon reaches the bounds, where the best gains often are.
 
     Args:
         start: (6,) gains of the last interval.
@@ -247,17 +231,28 @@ def search(
         rollout: model and cost of the rollouts.
     """
     random = RandomNumbers(seed)
-    pool: list[Candidate] = [Candidate(start) for _ in range(breeding.population)]
-    spare: list[Candidate] = [Candidate(start) for _ in range(breeding.population)]
+    # The better half and its children, which replace the worse half.
+    pool: list[Candidate] = breeding.pool
+    half: cython.int = breeding.population
     i: cython.int
-    for i in range(1, breeding.population):
-        _draw(pool[i], breeding, random)
-    roll_out(pool, 0, situation, rollout)
+    last: Candidate = pool[0]
+    last.gains = Gains(start)
+    for i in range(1, half):
+        if 2 * i < half:
+            _mutate(last, pool[i], 1.0, breeding, random)
+        else:
+            _draw(pool[i], breeding, random)
+    parents: list[Candidate] = pool[:half]
+    roll_out(parents, 0, situation, rollout)
+    _sort(parents)
+    pool[:half] = parents
     for _ in range(breeding.generations):
-        _breed(pool, spare, breeding, random)
-        roll_out(spare, 2, situation, rollout)
-        pool, spare = spare, pool
-    best: Candidate = pool[_best(pool, -1)]
+        for i in range(half, 2 * half):
+            _cross(_winner(pool, half, random), _winner(pool, half, random), pool[i], random)
+            _mutate(pool[i], pool[i], MUTATED, breeding, random)
+        roll_out(pool, half, situation, rollout)
+        _sort(pool)
+    best: Candidate = pool[0]
     return tuple(best.gains.values), best.cost
 
 
@@ -272,51 +267,49 @@ def _draw(each: Candidate, breeding: Breeding, random: RandomNumbers) -> cython.
 
 
 @cython.cfunc
-def _breed(pool: list[Candidate], bred: list[Candidate], breeding: Breeding, random: RandomNumbers) -> cython.void:
-    """Make the next generation: the two best, and children of parents selected by tournaments of two."""
-    i: cython.int
+def _cross(one: Candidate, other: Candidate, child: Candidate, random: RandomNumbers) -> cython.void:
+    """Set a child's gains to ones on the ways from the worse parent to the better one or as far again beyond it."""
+    better: Candidate = one if one.cost < other.cost else other
+    worse: Candidate = other if one.cost < other.cost else one
     g: cython.int
-    first: cython.int = _best(pool, -1)
-    second: cython.int = _best(pool, first)
-    _copy(pool[first], bred[0])
-    _copy(pool[second], bred[1])
-    for i in range(2, breeding.population):
-        mother: Candidate = _winner(pool, random)
-        father: Candidate = _winner(pool, random)
-        child: Candidate = bred[i]
-        for g in range(_COUNT):
-            low: cython.double = breeding.lower.values[g]
-            high: cython.double = breeding.upper.values[g]
-            share: cython.double = random.uniform()
-            value: cython.double = share * mother.gains.values[g] + (1.0 - share) * father.gains.values[g]
-            value += breeding.mutation * (high - low) * random.normal()
-            child.gains.values[g] = min(max(value, low), high)
-        child.gains.complete()
+    for g in range(_COUNT):
+        way: cython.double = better.gains.values[g] - worse.gains.values[g]
+        child.gains.values[g] = worse.gains.values[g] + BEYOND * random.uniform() * way
 
 
 @cython.cfunc
-def _winner(pool: list[Candidate], random: RandomNumbers) -> Candidate:
-    """Return the better of two candidates drawn at random."""
-    one: Candidate = pool[random.below(len(pool))]
-    two: Candidate = pool[random.below(len(pool))]
+def _mutate(
+    source: Candidate, to: Candidate, share: cython.double, breeding: Breeding, random: RandomNumbers
+) -> cython.void:
+    """Set a candidate's gains to another's, a share of them changed at random, within the bounds."""
+    g: cython.int
+    for g in range(_COUNT):
+        low: cython.double = breeding.lower.values[g]
+        high: cython.double = breeding.upper.values[g]
+        value: cython.double = source.gains.values[g]
+        if random.uniform() < share:
+            value += breeding.mutation * (high - low) * random.normal()
+        to.gains.values[g] = min(max(value, low), high)
+    to.gains.complete()
+
+
+@cython.cfunc
+def _winner(pool: list[Candidate], count: cython.int, random: RandomNumbers) -> Candidate:
+    """Return the better of two candidates drawn at random from the first `count`."""
+    one: Candidate = cython.cast(Candidate, pool[random.below(count)])
+    two: Candidate = cython.cast(Candidate, pool[random.below(count)])
     return one if one.cost < two.cost else two
 
 
 @cython.cfunc
-def _best(pool: list[Candidate], without: cython.int) -> cython.int:
-    """Return the number of the best candidate other than number `without`."""
+def _sort(pool: list[Candidate]) -> cython.void:
+    """Sort candidates by their cost; equal ones keep their order."""
     i: cython.int
-    best: cython.int = 1 if without == 0 else 0
-    for i in range(len(pool)):
-        if i != without and cython.cast(Candidate, pool[i]).cost < cython.cast(Candidate, pool[best]).cost:
-            best = i
-    return best
-
-
-@cython.cfunc
-def _copy(source: Candidate, to: Candidate) -> cython.void:
-    g: cython.int
-    for g in range(_COUNT):
-        to.gains.values[g] = source.gains.values[g]
-    to.gains.complete()
-    to.cost = source.cost
+    j: cython.int
+    for i in range(1, len(pool)):
+        each: Candidate = cython.cast(Candidate, pool[i])
+        j = i
+        while j > 0 and cython.cast(Candidate, pool[j - 1]).cost > each.cost:
+            pool[j] = pool[j - 1]
+            j -= 1
+        pool[j] = each

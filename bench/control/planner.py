@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from time import perf_counter
 
 import cython
-import numpy as np
 
 from bench.control.boundaries import boundaries
 from bench.control.genetic import search
 from bench.control.outcome import Limit
+from bench.control.random_numbers import mixed
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
 from bench.control.slow_down import slow_down
 from platoon_fmu.parameters import VehicleParameters
@@ -365,7 +365,7 @@ class Planner:
 
     def _optimise(self, interval: int, situation: Situation) -> None:
         """Search for better gains, and move the gains in use towards them."""
-        seed = int(np.random.SeedSequence([self._seed, self._number, interval]).generate_state(1, np.uint64)[0])
+        seed = mixed(self._seed, self._number, interval)
         self._best, self._cost = search(self._best, seed, self._breeding, situation, self._rollout)
         share = self.settings.gain_share
         self._gains = tuple([used + share * (best - used) for used, best in zip(self._gains, self._best, strict=True)])

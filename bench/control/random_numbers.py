@@ -72,3 +72,11 @@ class RandomNumbers:
         self._spare = y * factor
         self._has_spare = True
         return x * factor
+
+
+def mixed(*numbers: int) -> int:
+    """Return a seed in [0, 2^64) that depends on all these numbers and on their order."""
+    seed = 0
+    for number in numbers:
+        seed = RandomNumbers((seed + number) & _MASK).bits()
+    return seed

@@ -55,11 +55,11 @@ class GeneticSettings:
         boundary_weight: cost of requesting a yaw rate above the limit (s^2/rad^2).
     """
 
-    population: Annotated[int, Ge(4), Le(200)] = 24
-    generations: Annotated[int, Ge(1), Le(100)] = 6
+    population: Annotated[int, Ge(4), Le(200)] = 8
+    generations: Annotated[int, Ge(1), Le(100)] = 5
     horizon_steps: Annotated[int, Ge(2), Le(200)] = 25
     horizon_step_s: Annotated[float, Ge(1e-3), Le(0.1)] = 0.04
-    mutation: Annotated[float, Gt(0), Le(1)] = 0.15
+    mutation: Annotated[float, Gt(0), Le(1)] = 0.8
     ga: Pair = (0.5, 3.0)
     gb: Pair = (0.5, 5.0)
     p11: Pair = (0.6, 2.0)

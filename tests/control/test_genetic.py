@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from bench.control.boundaries import admissible, boundaries
+from bench.control.boundaries import Boundaries, admissible, boundaries
 from bench.control.flocking import GAINS, Field, Gains, Neighbours, acceleration
 from bench.control.genetic import Breeding, Candidate, Rollout, Situation, roll_out, search
 from bench.control.near_identity import input_rates
@@ -77,7 +78,9 @@ def find(chosen: GeneticSettings, seed: int, start: np.ndarray | None = None) ->
     return np.array(gains), found
 
 
-def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[np.ndarray, float]]:
+def planned_motion(
+    state: np.ndarray, steps: int, step_s: float, limits: Boundaries = LIMITS
+) -> list[tuple[np.ndarray, float]]:
     """States X, Y, theta, v, gamma at the steps of the horizon, and by how much the yaw rate asked for was too much.
 
     The closed planning model in plain Python, from the statement: the flocking acceleration of the point is held for
@@ -102,16 +105,16 @@ def planned_motion(state: np.ndarray, steps: int, step_s: float) -> list[tuple[n
             dt = step_s / parts
             v_rate, gamma_rate = input_rates(math.cos(theta), math.sin(theta), v, gamma, LENGTH, *u)
             too_much += max(abs(gamma + dt * gamma_rate) - 0.85 * 7.84 / v, 0.0) ** 2 / parts
-            v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, LIMITS)
+            v, gamma, _ = admissible(v, gamma, v_rate, gamma_rate, dt, limits)
             X, Y = X + dt * v * math.cos(theta), Y + dt * v * math.sin(theta)
             theta += dt * gamma
         motion.append((np.array([X, Y, theta, v, gamma]), too_much))
     return motion
 
 
-def plain_costs(state: np.ndarray, steps: int, step_s: float) -> dict[str, float]:
+def plain_costs(state: np.ndarray, steps: int, step_s: float, limits: Boundaries = LIMITS) -> dict[str, float]:
     """Each term of the cost with weight one, from the planned motion."""
-    motion = planned_motion(state, steps, step_s)
+    motion = planned_motion(state, steps, step_s, limits)
     X, Y, theta, v, gamma = np.array([s for s, _ in motion]).T
     t = step_s * np.arange(steps + 1)
     S = np.array([X + LENGTH * np.cos(theta), Y + LENGTH * np.sin(theta)])
@@ -143,6 +146,32 @@ def test_each_term_of_the_cost_is_the_one_stated(term: str, state: np.ndarray) -
     assert cost(weights=only[term], state=state) == pytest.approx(expected, rel=1e-9, abs=1e-12)
 
 
+def test_rollouts_may_turn_by_large_angles() -> None:
+    """At walking pace a step turns by more than the angles for which the series is used."""
+    slow = boundaries(VehicleParameters(), 0.8, 0.7, 3.0, 1.5, 0.5, 45.0)
+    state = np.array([3.0, 3.0, 0.3, 0.6, 3.0])
+    where = Situation(
+        3.0, 3.0, math.cos(0.3), math.sin(0.3), 0.6, 3.0, tuple(TARGET), SPEED, neighbours(PEERS_Q, PEERS_P)
+    )
+    judged = Rollout(FIELD, slow, LENGTH, GeneticSettings().weights(), 10, 0.1)
+    expected = plain_costs(state, 10, 0.1, slow)
+    turn = [other[0][2] - one[0][2] for one, other in pairwise(planned_motion(state, 10, 0.1, slow))]
+    assert max(turn) > 2 * 0.1, "two parts of a step"
+    total = sum(w * expected[term] for w, term in zip(GeneticSettings().weights(), CostWeights._fields, strict=True))
+    assert costs([LAMBDA], where, judged)[0] == pytest.approx(total, rel=1e-9)
+
+
+@pytest.mark.parametrize("far", [[300.0, 0.0], [-40.0, 3.5], [4.0, -30.0]])
+def test_vehicles_out_of_reach_do_not_matter(far: list[float]) -> None:
+    more_q, more_p = np.vstack([PEERS_Q, far]), np.vstack([PEERS_P, [20.0, 0.0]])
+    assert cost(peers_q=more_q, peers_p=more_p) == cost()
+
+
+def test_a_vehicle_that_comes_within_reach_matters() -> None:
+    more_q, more_p = np.vstack([PEERS_Q, [40.0, 3.0]]), np.vstack([PEERS_P, [-10.0, 0.0]])
+    assert cost(peers_q=more_q, peers_p=more_p) != cost()
+
+
 def test_boundary_term_is_met_at_these_points() -> None:
     """The comparison above would mean nothing for this term if no rollout asked for too much yaw rate."""
     assert plain_costs(np.array([1.0, -6.0, -0.3, 25.0, 0.2]), 25, 0.04)["boundary"] > 0
@@ -166,7 +195,7 @@ def test_a_situation_can_be_used_again() -> None:
     assert costs([LAMBDA], where, rollout(GeneticSettings())) == costs([LAMBDA], where, rollout(GeneticSettings()))
 
 
-@given(st.lists(st.lists(st.floats(0.5, 3.0), min_size=6, max_size=6).map(np.array), min_size=1, max_size=5))
+@given(st.lists(st.lists(st.floats(0.5, 3.0), min_size=6, max_size=6).map(np.array), min_size=1, max_size=20))
 def test_candidates_rolled_out_side_by_side_do_not_affect_each_other(many: list[np.ndarray]) -> None:
     where, model = situation(STATE), rollout(GeneticSettings())
     assert costs(many, where, model) == [costs([gains], where, model)[0] for gains in many]

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.control.random_numbers import RandomNumbers
+from bench.control.random_numbers import RandomNumbers, mixed
 
 
 def test_sequence_is_the_published_one() -> None:
@@ -52,3 +52,15 @@ def test_integers_are_below_their_limit(seed: int, count: int) -> None:
 def test_every_integer_is_drawn(count: int) -> None:
     numbers = RandomNumbers(3)
     assert {numbers.below(count) for _ in range(2000)} == set(range(count))
+
+
+def test_mixed_seeds_depend_on_every_number_and_on_their_order() -> None:
+    seeds = {mixed(*numbers) for numbers in ((1, 2, 3), (1, 3, 2), (2, 1, 3), (1, 2, 4), (2, 2, 3), (1, 2), (3, 2, 1))}
+    assert len(seeds) == 7
+    assert all(0 <= seed < 2**64 for seed in seeds)
+    assert mixed(1, 2, 3) == mixed(1, 2, 3)
+
+
+@given(st.integers(0, 2**128), st.integers(1, 100), st.integers(0, 2**40))
+def test_mixed_takes_numbers_of_any_size(seed: int, vehicle: int, interval: int) -> None:
+    assert mixed(seed, vehicle, interval) != mixed(seed, vehicle, interval + 1)
