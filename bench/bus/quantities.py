@@ -10,11 +10,11 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.bus.reception import Health
+from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import CommandState, ReferenceState
 from bench.bus.topic import Signals, Topic
 from bench.names import V2V
-from platoon_fmu.wheels import WHEEL_NAMES
+from platoon_fmu.wheels import FL, FR, RL, RR, WHEEL_NAMES
 
 POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"
 WHEELS_FRONT, WHEELS_REAR, ACTUATORS = "WheelSpeedsFront", "WheelSpeedsRear", "ActuatorStatus"
@@ -32,15 +32,15 @@ RECEPTIONS = {
 }
 """The signals of an ECU's bus health with the reception state of its inputs."""
 
+_STATES = tuple(map(float, sorted(ReceptionState)))
+"""The reception states as a signal's values."""
+
 COMMAND_RECEPTIONS = {
     STEERING: "SteeringReception",
     TORQUES_FRONT: "TorqueFrontReception",
     TORQUES_REAR: "TorqueRearReception",
 }
 """The signals of the plant's bus health with the reception state of commands."""
-
-_TORQUES = tuple(f"torque_{name}" for name in WHEEL_NAMES)
-"""The torques of a `Command`, in the order of the wheels."""
 
 SENSORS = (POSITION, ATTITUDE, MOTION, WHEELS_FRONT, WHEELS_REAR)
 """The messages with the vehicle's own motion."""
@@ -65,7 +65,7 @@ def bus_health(health: Health) -> dict[str, float]:
     for topic, reception in health.inputs.items():
         signal = RECEPTIONS.get(topic.message)
         if signal is not None:
-            signals[signal] = float(reception.state)
+            signals[signal] = _STATES[reception.state]
     return signals
 
 
@@ -189,7 +189,10 @@ class Command:
     @classmethod
     def of_wheels(cls, steering_angle: float, torques: Sequence[float] | NDArray[np.float64]) -> Self:
         """Return a command with torques (4,) in N m, in the order of `platoon_fmu.wheels`."""
-        return cls(steering_angle, **dict(zip(_TORQUES, map(float, torques), strict=True)))
+        each = [float(torque) for torque in torques]
+        if len(each) != len(WHEEL_NAMES):
+            raise ValueError(f"{len(each)} torques; allowed: {len(WHEEL_NAMES)}, one for each wheel")
+        return cls(steering_angle, each[FL], each[FR], each[RL], each[RR])
 
     def messages(self, state: CommandState) -> Mapping[str, Signals]:
         """Return the three messages, with command state `state`."""

@@ -13,6 +13,7 @@ COMPILED: tuple[str, ...] = (
     "bench.bus.outbox",
     "bench.bus.quantities",
     "bench.bus.sync",
+    "bench.bus.topic",
     "bench.bus.wire.frame_length",
     "bench.bus.wire.timing",
     "bench.conductor.cycle",

@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from operator import gt
 from time import perf_counter
 
+import cython
 import numpy as np
 from numpy.typing import NDArray
 
@@ -50,7 +50,7 @@ _NO_TORQUES = (0.0, 0.0, 0.0, 0.0)
 DISTURBANCE = np.array([1.0, 4.0, 3.5])
 """Disturbances (m/s^2, m/s^2, rad/s^2) above those of any allowed cornering stiffness, which indicate a defect."""
 
-_DISTURBANCE = tuple(DISTURBANCE.tolist())
+_LIMITS = tuple(DISTURBANCE.tolist())
 
 DISTURBANCE_CYCLES = 5
 """Number of consecutive cycles with such a disturbance that indicate a defect."""
@@ -124,7 +124,7 @@ class TrackerEcu:
         begin = perf_counter()
         if cycle == 0:
             self._own.start_from(self._grid.x_m, self._grid.y_m, self._grid.yaw_rad, self._grid.speed_mps)
-        frames = {topic.message: inputs[topic] for topic in self.inputs}
+        frames = {message: inputs[topic] for message, topic in self._topics.items()}
         own = self._own.update(frames, 1 if self._last_cycle is None else cycle - self._last_cycle)
         self._last_cycle = cycle
         cause = max(self._own.cause, self._watch_steering(frames[ACTUATORS]))
@@ -201,7 +201,7 @@ class TrackerEcu:
 
     def _doubts(self, out: TrackerOutput | None) -> Cause:
         """Return the fault of vehicle or solver that the tracking shows."""
-        broken = out is not None and any(map(gt, map(abs, out.disturbance.tolist()), _DISTURBANCE))
+        broken = out is not None and _is_broken(out.disturbance)
         self._disturbed = self._disturbed + 1 if broken else 0
         self._calm = 0 if self._disturbed >= DISTURBANCE_CYCLES else self._calm + 1
         if self._disturbed >= DISTURBANCE_CYCLES:
@@ -263,37 +263,40 @@ class TrackerEcu:
         status: dict[str, float] = {
             "State": state,
             "Cause": cause,
-            "SolverStatus": SolverStatus.NOT_RUN,
-            "GainSource": GainSource.NONE,
+            "SolverStatus": SolverStatus.NOT_RUN if out is None else out.status,
+            "GainSource": GainSource.NONE if out is None else out.source,
         }
-        contents: dict[str, dict[str, float]] = {
-            "TrackerDisturbance": {},
-            "TrackerReferenceState": {},
-            "TrackerReferenceInput": {},
-            "TrackerTarget": {},
-        }
+        disturbance: dict[str, float] = {}
+        reference: dict[str, float] = {}
+        reference_input: dict[str, float] = {}
+        target: dict[str, float] = {}
         if out is not None:
-            status |= {
-                "SolverStatus": out.status,
-                "GainSource": out.source,
-                "Iterations": out.iterations,
-                "Tau": out.tau,
-            }
-            motion = ("VelocityX", "VelocityY", "YawRate")
-            contents = {
-                "TrackerDisturbance": _named(("DisturbanceX", "DisturbanceY", "DisturbanceYaw"), out.disturbance),
-                "TrackerReferenceState": _named(motion, out.reference),
-                "TrackerReferenceInput": _named(("SteeringAngle", "Force", "YawMoment"), out.reference_u),
-                "TrackerTarget": _named(motion, out.target),
-            }
+            status["Iterations"], status["Tau"] = out.iterations, out.tau
+            x, y, yaw = out.disturbance.tolist()
+            disturbance = {"DisturbanceX": x, "DisturbanceY": y, "DisturbanceYaw": yaw}
+            v_x, v_y, gamma = out.reference.tolist()
+            reference = {"VelocityX": v_x, "VelocityY": v_y, "YawRate": gamma}
+            steering, force, moment = out.reference_u.tolist()
+            reference_input = {"SteeringAngle": steering, "Force": force, "YawMoment": moment}
+            v_x, v_y, gamma = out.target.tolist()
+            target = {"VelocityX": v_x, "VelocityY": v_y, "YawRate": gamma}
         return [
             Outgoing(self._bus, "TrackerStatus", status),
-            *(Outgoing(self._bus, name, values) for name, values in contents.items()),
+            Outgoing(self._bus, "TrackerDisturbance", disturbance),
+            Outgoing(self._bus, "TrackerReferenceState", reference),
+            Outgoing(self._bus, "TrackerReferenceInput", reference_input),
+            Outgoing(self._bus, "TrackerTarget", target),
         ]
 
     def _bus_health(self, health: Health) -> Outgoing:
         return Outgoing(self._bus, "TrackerBusHealth", bus_health(health))
 
 
-def _named(names: tuple[str, ...], values: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(names, values.tolist(), strict=True))
+def _is_broken(disturbance: NDArray[np.float64]) -> bool:
+    """Return whether a component of a disturbance is above its limit."""
+    value: cython.double
+    limit: cython.double
+    for value, limit in zip(disturbance.tolist(), _LIMITS, strict=True):  # noqa: SIM110 - typed
+        if abs(value) > limit:
+            return True
+    return False

@@ -65,7 +65,8 @@ def _places(error: BaseException) -> Sequence[tuple[str, int, str]]:
 
 
 def _is_users(file: str) -> bool:
-    if file.startswith("<"):
+    # What a compiler has made is of no file: <string>, (tree fragment).
+    if file.startswith(("<", "(")):
         return False
     # Compiled modules name their sources from the folder of the packages.
     path = (_BENCH.parent / file).resolve()
