@@ -5,6 +5,7 @@ The messages are those of `dbc/vehicle.dbc` and `dbc/v2v.dbc`.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -54,6 +55,7 @@ class Broadcast(NamedTuple):
     status: Topic
 
 
+@cache
 def broadcast(vehicle: int) -> Broadcast:
     """The broadcast of vehicle number `vehicle`."""
     return Broadcast(*(Topic(V2V, f"V2V{kind}_{vehicle}") for kind in ("Position", "Motion", "Status")))

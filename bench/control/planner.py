@@ -10,6 +10,7 @@ vehicle computes both from the same first broadcasts, with the same result.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
+from typing import NamedTuple
 
 import cython
 
@@ -63,8 +64,7 @@ class PlatoonGoal:
     gap: float
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """A vehicle's planar motion as known to its neighbours.
 
     Attributes:
@@ -93,8 +93,7 @@ class Motion:
         )
 
 
-@dataclass(frozen=True)
-class PlannerOutput:
+class PlannerOutput(NamedTuple):
     """One step of the planner.
 
     Attributes:
@@ -187,6 +186,7 @@ class Planner:
         self._gains = self._best
         self._law = Gains(self._gains)
         self._cost = 0.0
+        self._others = Neighbours(0)
         self._reference: tuple[float, float] | None = None
         self._slot: int | None = None
         self._leader_start = 0.0
@@ -352,16 +352,22 @@ class Planner:
 
     def _neighbours(self, peers: Mapping[int, Motion]) -> Neighbours:
         """Return the others' points S and velocities W, in order of their numbers."""
-        neighbours: Neighbours = Neighbours(len(peers))
+        if self._others.count != len(peers):
+            self._others = Neighbours(len(peers))
+        others: Neighbours = self._others
         length: cython.double = self._length
+        q_x: cython.double
+        q_y: cython.double
+        p_x: cython.double
+        p_y: cython.double
         for place, number in enumerate(sorted(peers)):
-            peer = peers[number]
-            c: cython.double = cos(peer.course)
-            s: cython.double = sin(peer.course)
-            q_x, q_y = point(peer.X, peer.Y, c, s, length)
-            p_x, p_y = velocity(c, s, peer.speed, peer.yaw_rate, length)
-            neighbours.put(place, q_x, q_y, p_x, p_y)
-        return neighbours
+            X, Y, speed, course, yaw_rate = peers[number]
+            c: cython.double = cos(course)
+            s: cython.double = sin(course)
+            q_x, q_y = point(X, Y, c, s, length)
+            p_x, p_y = velocity(c, s, speed, yaw_rate, length)
+            others.put(place, q_x, q_y, p_x, p_y)
+        return others
 
     def _optimise(self, interval: int, situation: Situation) -> None:
         """Search for better gains, and move the gains in use towards them."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from bench.bus.quantities import broadcast
 from bench.bus.reception import Health
@@ -28,8 +28,7 @@ _PULL = 0.05
 """As in `bench.ecu.plausibility`."""
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+class Report(NamedTuple):
     """Content of a vehicle's `V2VStatus`.
 
     Attributes:
@@ -83,9 +82,10 @@ class PeerWatch:
             self._reckoned = None
             if self.motion is not None:
                 self.motion = self.motion.later((cycles - 1) * CYCLE_S)
-        position, motion, status = (inputs[topic] for topic in self.topics)
-        self._listen(status)
-        lost = any(health.of(topic).lost for topic in (self.topics.position, self.topics.motion))
+        topics = self.topics
+        position, motion = inputs[topics.position], inputs[topics.motion]
+        self._listen(inputs[topics.status])
+        lost = health.of(topics.position).lost or health.of(topics.motion).lost
         self.heard = position is not None and motion is not None
         plausible = True
         if position is not None and motion is not None:

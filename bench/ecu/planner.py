@@ -76,11 +76,13 @@ class PlannerEcu:
             for number, start in enumerate(scenario.vehicles, start=1)
         }
         self._peers = {number: PeerWatch(number) for number in self._grid if number != vehicle}
+        self._peer_topics = tuple(topic for peer in self._peers.values() for topic in peer.topics)
         self._own_topics = {message: Topic(self._bus, message) for message in (*SENSORS, ACTUATORS)}
         self.inputs: tuple[Topic, ...] = (
             *self._own_topics.values(),
-            *(topic for peer in self._peers.values() for topic in peer.topics),
+            *self._peer_topics,
         )
+        self._broadcast_topics = broadcast(vehicle)
         self._own = OwnMotion(VehicleParameters())
         self._following = Following()
         self._slots: dict[int, int] = {}
@@ -113,12 +115,13 @@ class PlannerEcu:
                 self._take_slot(cycle, time_s, motion)
             manoeuvre = self._plan(cycle, time_s, motion, v_x)
             cause = max(cause, self._following.cause)
-        cause = max(cause, *(peer.cause for peer in self._peers.values()), Cause.NONE)
+        for peer in self._peers.values():
+            cause = max(cause, peer.cause)
         state = self._state(cause)
         outgoing = [*self._messages(state, cause, manoeuvre), self._bus_health(health)]
         outgoing += self._broadcast(own, state, cause, manoeuvre)
-        timing = {"OptimisationTime": self._optimise_s, "StepTime": perf_counter() - begin}
-        return [*outgoing, Outgoing(self._bus, "PlannerTiming", {k: 1e6 * v for k, v in timing.items()})]
+        timing = {"OptimisationTime": 1e6 * self._optimise_s, "StepTime": 1e6 * (perf_counter() - begin)}
+        return [*outgoing, Outgoing(self._bus, "PlannerTiming", timing)]
 
     def _listen(self, inputs: Mapping[Topic, Signals | None], cycles: int) -> tuple[Motion, float] | None:
         """Return own motion and v_x, or None while they are unknown."""
@@ -240,8 +243,7 @@ class PlannerEcu:
                 "BoundaryMargin": plan.margin,
                 "OptimisationCost": plan.cost,
             }
-            potential = dict(zip(("Ga", "Gb"), plan.gains[:2], strict=True))
-            gains = dict(zip(("P11", "P12", "P21", "P22"), plan.gains[2:], strict=True))
+            potential["Ga"], potential["Gb"], gains["P11"], gains["P12"], gains["P21"], gains["P22"] = plan.gains
             target["TargetX"], target["TargetY"] = plan.target
         return [
             Outgoing(self._bus, REFERENCE, reference),
@@ -253,16 +255,19 @@ class PlannerEcu:
 
     def _bus_health(self, health: Health) -> Outgoing:
         values = bus_health(health)
-        states = [health.of(topic).state for peer in self._peers.values() for topic in peer.topics]
-        values["PeerReception"] = max(states, default=ReceptionState.INIT)
-        values["PeersLost"] = sum(peer.cause is Cause.PEER_LOST for peer in self._peers.values())
+        worst, lost = ReceptionState.INIT, 0
+        for topic in self._peer_topics:
+            worst = max(worst, health.of(topic).state)
+        for peer in self._peers.values():
+            lost += peer.cause is Cause.PEER_LOST
+        values["PeerReception"], values["PeersLost"] = worst, lost
         return Outgoing(self._bus, "PlannerBusHealth", values)
 
     def _broadcast(
         self, own: tuple[Motion, float] | None, state: EcuState, cause: Cause, manoeuvre: Manoeuvre
     ) -> list[Outgoing]:
         """Return the broadcast, with the motion only if it is known."""
-        status = broadcast(self._vehicle).status
+        status = self._broadcast_topics.status
         slot, leader_x = (self._last.slot, self._last.leader_x) if self._last is not None else (0, 0.0)
         report = {"State": state, "Slot": slot, "Cause": cause, "LeaderX": leader_x, "Manoeuvre": manoeuvre}
         messages = [Outgoing(V2V, status.message, report)]
