@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import (
     Console,  # noqa: TID251 - the one place
@@ -16,11 +16,13 @@ from rich.console import (
     RenderHook,
     RenderResult,
 )
-from rich.progress import Progress, ProgressColumn  # noqa: TID251 - the one place
 from rich.segment import Segment
 from rich.text import Text
 
 from bench.cli.output import escaped, guarded, shown
+
+if TYPE_CHECKING:  # tables are drawn without it
+    from rich.progress import Progress, ProgressColumn  # noqa: TID251 - the one place
 
 
 class Terminal(Console):
@@ -55,6 +57,8 @@ class _Escaped:
 @contextmanager
 def progress(*columns: ProgressColumn, transient: bool = False) -> Iterator[Progress]:
     """Show progress bars on standard error while the context lasts; what is printed meanwhile stays above them."""
+    from rich.progress import Progress  # noqa: TID251 - the one place
+
     # rich replaces the standard streams by its own, which obey escape sequences: these are guarded again.
     with Progress(*columns, console=Terminal(stderr=True), transient=transient) as bars, guarded():
         yield bars

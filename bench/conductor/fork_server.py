@@ -154,6 +154,9 @@ def _preload(classes: Sequence[str]) -> None:
     # Reads and caches the DBC files.
     load_codecs(1)
     importlib.import_module("bench.ecu.main")
+    # Every link of the bus udp needs it; without it, the link says so.
+    with suppress(ImportError):
+        importlib.import_module("msgpack")
     load_classes(classes)
 
 
