@@ -26,6 +26,7 @@ else:
     from math import isfinite, sqrt
 
     from bench.control.flat_matrices import (
+        blank,
         cholesky,
         complement,
         congruence,
@@ -85,7 +86,7 @@ def proven_cost(
     stage: cython.double[9]
     step: cython.double[9]
     if not cython.compiled:  # pragma: no branch
-        root, inverse, stage, step = [0.0] * 9, [0.0] * 9, [0.0] * 9, [0.0] * 9
+        root, inverse, stage, step = blank(4)
     if not (_finite(P) and _finite(K)):
         return math.nan
     # In coordinates in which the ellipsoid is the unit ball, every condition is a bound on a norm.
@@ -128,7 +129,7 @@ def _set_coordinates(root: cython.p_double, inverse: cython.p_double, P: cython.
     width: cython.double
     values: cython.double[3]
     if not cython.compiled:  # pragma: no branch
-        values = [0.0] * 3
+        (values,) = blank(1)
     for i in range(N):
         for j in range(N):
             inverse[3 * i + j] = P[i, j]
@@ -154,7 +155,7 @@ def _add_input_cost(
     reach: cython.double = 0.0
     row: cython.double[3]
     if not cython.compiled:  # pragma: no branch
-        row = [0.0] * 3
+        (row,) = blank(1)
     for i in range(N):
         row[i] = gain[0] * root[i] + gain[1] * root[3 + i] + gain[2] * root[6 + i]
         reach += row[i] * row[i]
@@ -192,7 +193,7 @@ def _vertex_cost(
     shrink: cython.double[9]
     factor: cython.double[9]
     if not cython.compiled:  # pragma: no branch
-        values, step, shrink, factor = [0.0] * 3, [0.0] * 9, [0.0] * 9, [0.0] * 9
+        values, step, shrink, factor = blank(4)
     multiply(shrink, inverse, loop)
     multiply(step, shrink, root)
     transposed_multiply(factor, step, step)

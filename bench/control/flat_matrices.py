@@ -17,6 +17,11 @@ _SWEEPS = cython.declare(cython.int, 30)
 """Limit on Jacobi's sweeps; matrices of this size need 4 to 8."""
 
 
+def blank(count: int, size: int = 9) -> list[list[float]]:
+    """Return so many matrices, or vectors of up to `size` numbers, for interpreted text, in place of C arrays."""
+    return [[0.0] * size for _ in range(count)]
+
+
 @cython.cfunc
 @cython.nogil
 @cython.exceptval(check=False)

@@ -38,7 +38,7 @@ def invert(out: cython.double[:, ::1], a: cython.double[:, ::1]) -> cython.doubl
     flat: cython.double[9]
     inverse: cython.double[9]
     if not cython.compiled:
-        flat, inverse = [0.0] * 9, [0.0] * 9
+        flat, inverse = flat_matrices.blank(2)
     for i in range(3):
         for j in range(3):
             flat[3 * i + j] = a[i, j]

@@ -41,6 +41,7 @@ else:
     from bench.control.flat_matrices import (
         add,
         add_symmetric,
+        blank,
         cholesky,
         complement,
         congruence,
@@ -83,11 +84,11 @@ class GameRiccati:
         self.S_determinant = self.value = 0.0
         if not cython.compiled:
             # Compiled, they are arrays in the object.
-            self.W, self.costate, self.multiplier, self.gradient = ([0.0] * 9 for _ in range(4))
-            self.A, self.H, self.N1, self.BB, self.NB, self.NN = ([0.0] * 9 for _ in range(6))
-            self.HJ, self.M, self.a, self.g, self.w, self.G, self.A_hat = ([0.0] * 9 for _ in range(7))
-            self.closed, self.T, self.X, self.step, self.S_inverse = ([0.0] * 9 for _ in range(5))
-            self.one, self.two, self.three = ([0.0] * 9 for _ in range(3))
+            self.W, self.costate, self.multiplier, self.gradient = blank(4)
+            self.A, self.H, self.N1, self.BB, self.NB, self.NN = blank(6)
+            self.HJ, self.M, self.a, self.g, self.w, self.G, self.A_hat = blank(7)
+            self.closed, self.T, self.X, self.step, self.S_inverse = blank(5)
+            self.one, self.two, self.three = blank(3)
 
     @cython.cfunc
     @cython.exceptval(check=False)

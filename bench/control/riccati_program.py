@@ -28,7 +28,7 @@ if cython.compiled:
 else:
     from math import exp, fabs, sqrt
 
-    from bench.control.flat_matrices import copy, eigen, form, invert
+    from bench.control.flat_matrices import blank, copy, eigen, form, invert
     from bench.control.riccati import GameRiccati
 
 Vector = NDArray[np.float64]
@@ -82,10 +82,9 @@ class RiccatiProgram:
         if not cython.compiled:
             # Compiled, they are arrays in the object.
             self._rows, self._columns = [0] * 6, [0] * 6
-            self._J, self._tried, self._P = ([0.0] * 9 for _ in range(3))
-            self._z, self._z_bent = [0.0] * 3, [0.0] * 3
-            self._slope, self._other, self._move, self._values, self._pulled = ([0.0] * 6 for _ in range(5))
-            self._hessian, self._axes, self._turned = ([0.0] * 36 for _ in range(3))
+            self._J, self._tried, self._P, self._z, self._z_bent = blank(5)
+            self._slope, self._other, self._move, self._values, self._pulled = blank(5)
+            self._hessian, self._axes, self._turned = blank(3, 36)
         for place, (row, column) in enumerate(pairs):
             self._rows[place], self._columns[place] = row, column
 

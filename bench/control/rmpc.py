@@ -29,7 +29,7 @@ else:
     from math import isfinite, sqrt
 
     from bench.control.certificate import proven_cost
-    from bench.control.flat_matrices import invert
+    from bench.control.flat_matrices import blank, invert
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -237,7 +237,7 @@ def _gain(P: cython.double[:, ::1], Y: cython.double[:, ::1]) -> Matrix:
     flat: cython.double[9]
     inverse: cython.double[9]
     if not cython.compiled:
-        flat, inverse = [0.0] * 9, [0.0] * 9
+        flat, inverse = blank(2)
     for i in range(N):
         for j in range(N):
             flat[3 * i + j] = P[i, j]

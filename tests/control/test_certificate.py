@@ -59,6 +59,20 @@ def test_it_is_exact_for_one_model() -> None:
     assert cost == pytest.approx(z @ S @ z, rel=1e-6)
 
 
+@pytest.mark.parametrize("inputs", [1, 2, 4])
+def test_any_number_of_inputs(inputs: int) -> None:
+    """One that the gain does not use changes nothing, and each one that it uses counts."""
+    random = np.random.default_rng(inputs)
+    A, B = 0.8 * np.eye(3), 0.1 * random.normal(size=(3, inputs))
+    K = 0.3 * random.normal(size=(inputs, 3))
+    S = solve_discrete_lyapunov((A + B @ K).T, np.eye(3) + 0.3 * K.T @ K)
+    z, room = np.array([0.5, -0.2, 0.7]), np.full(inputs + 1, 1e3)
+    cost = certified_cost(K, np.linalg.inv(S), 0.3, [(A, B)], z, room[:inputs])
+    assert cost == pytest.approx(z @ S @ z, rel=1e-6)
+    unused = np.vstack([K, np.zeros((1, 3))]), np.hstack([B, np.ones((3, 1))])
+    assert certified_cost(unused[0], np.linalg.inv(S), 0.3, [(A, unused[1])], z, room) == pytest.approx(cost, rel=1e-12)
+
+
 def test_it_does_not_depend_on_the_ellipsoids_size(certified: tuple[OperatingPoint, Gain]) -> None:
     point, gain = certified
     K, P, models, z, room = proof(point, gain)
