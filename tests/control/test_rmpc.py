@@ -260,6 +260,22 @@ def test_tiny_deviations_solve(seed: int, size: float) -> None:
         assert accumulate(tiny, gain, np.tile(corner, (300, 1)))[0] <= gain.tau
 
 
+def test_rounding_errors_have_no_direction() -> None:
+    """What is left of a deviation at the target differs in its last digits, and must not differ in its gain."""
+    point = operating_point(2)
+    room = 10 * point.room
+    gains = [
+        controller().solve(point.linear, STATE * error, room)
+        for error in (np.zeros(3), 1e-14 * np.ones(3), np.array([0.0, -3e-13, 2e-13]))
+    ]
+    assert gains[0].usable
+    for gain in gains[1:]:
+        np.testing.assert_array_equal(gain.K, gains[0].K)
+        np.testing.assert_array_equal(gain.P, gains[0].P)
+    seen = controller().solve(point.linear, STATE * 1e-10 * np.array([0.0, 0.0, 1.0]), room)
+    assert (seen.K != gains[0].K).any()
+
+
 def test_bound_grows_with_the_square_of_the_deviation_while_inputs_are_free() -> None:
     point = operating_point(4)
     room = 1e3 * ALLOCATION.limit
