@@ -4,19 +4,28 @@ cdef class _Trust:
     cpdef bint note(self, bint agrees)
 
 
+cdef class _Velocity:
+    cdef double v_x, v_y, gamma
+
+
+cdef class _Pose:
+    cdef double x, y, yaw
+
+
 cdef class OwnMotion:
     cdef readonly object state
     cdef readonly object cause
-    cdef object _vehicle
+    cdef double _l_r, _M_l_f, _L_C_r, _R_w, _l_t
+    cdef bint _complete
     cdef dict _trust
     cdef dict _limits
-    cdef object _pose
-    cdef object _reckoned
+    cdef _Pose _pose
+    cdef _Pose _reckoned
     cdef object _measured_position
     cdef object _measured_yaw
     cdef object _moved
     cdef list _slip_errors
-    cdef object _velocity
+    cdef _Velocity _velocity
     cdef dict _timeouts
     cdef dict _missing
     cdef int _blind

@@ -94,16 +94,18 @@ class OwnState(NamedTuple):
         return math.hypot(self.v_x, self.v_y)
 
 
-class _Velocity(NamedTuple):
-    v_x: float
-    v_y: float
-    gamma: float
+class _Velocity:
+    def __init__(self, v_x: float, v_y: float, gamma: float) -> None:
+        self.v_x = v_x
+        self.v_y = v_y
+        self.gamma = gamma
 
 
-class _Pose(NamedTuple):
-    x: float
-    y: float
-    yaw: float
+class _Pose:
+    def __init__(self, x: float, y: float, yaw: float) -> None:
+        self.x = x
+        self.y = y
+        self.yaw = yaw
 
 
 class _Trust:
@@ -135,7 +137,11 @@ class OwnMotion:
         """Create the estimator for a vehicle with these nominal parameters."""
         self.state: OwnState | None = None
         self.cause = Cause.NONE
-        self._vehicle = vehicle
+        self._l_r = vehicle.l_r
+        self._M_l_f = vehicle.M * vehicle.l_f
+        self._L_C_r = 2.0 * vehicle.L * vehicle.C_r
+        self._R_w = vehicle.R_w
+        self._l_t = vehicle.l_t
         self._trust = {name: _Trust() for name in (*_POSITION, "Yaw", *_MOTION, *_WHEELS)}
         self._limits = {name: limits_of("vehicle.dbc", name) for name in (POSITION, ATTITUDE, MOTION)}
         self._pose: _Pose | None = None
@@ -147,6 +153,7 @@ class OwnMotion:
         self._velocity = _Velocity(0.0, 0.0, 0.0)
         self._timeouts = {name: timeout_cycles("vehicle.dbc", name) for name in SENSORS}
         self._missing = dict.fromkeys(SENSORS, 0)
+        self._complete = True
         self._blind = 0
         self._way = 0.0
 
@@ -169,7 +176,7 @@ class OwnMotion:
         attitude, attitude_fine = self._in_range(frames, ATTITUDE, ("Yaw",))
         motion, motion_fine = self._in_range(frames, MOTION, _MOTION)
         front, rear = frames[WHEELS_FRONT], frames[WHEELS_REAR]
-        velocity = self._velocities(position, attitude, motion, front, rear)
+        velocity: _Velocity = self._velocities(position, attitude, motion, front, rear)
         seen = motion is not None or (front is not None and rear is not None)
         self._blind = 0 if seen else self._blind + cycles
         self._reckon(velocity, position, attitude, cycles * CYCLE_S)
@@ -178,9 +185,17 @@ class OwnMotion:
         self._measured_yaw = None if attitude is None else attitude["Yaw"]
         # Without any source, a velocity may be held for its timeout.
         known = self._pose is not None and self._blind <= self._timeouts[MOTION]
-        self.state = OwnState(*self._pose, *velocity) if self._pose is not None and known else None
+        self.state = None
+        if self._pose is not None and known:
+            pose: _Pose = self._pose
+            self.state = OwnState(pose.x, pose.y, pose.yaw, velocity.v_x, velocity.v_y, velocity.gamma)
+        self._complete = True
         for name in SENSORS:
-            self._missing[name] = self._missing[name] + 1 if frames[name] is None else 0
+            if frames[name] is not None:
+                self._missing[name] = 0
+            else:
+                self._missing[name] += 1
+                self._complete = False
         self.cause = self._cause(known, position_fine and attitude_fine and motion_fine)
         return self.state
 
@@ -200,13 +215,10 @@ class OwnMotion:
         rear: Signals | None,
     ) -> _Velocity:
         """Return velocities: as measured if trusted, otherwise from their other sources."""
-        gamma = self._yaw_rate(attitude, motion, front, rear)
+        gamma: cython.double = self._yaw_rate(attitude, motion, front, rear)
         along, across = self._from_positions(position)
-        v_x = self._longitudinal(motion, along, self._wheel_speed(gamma, front, rear))
-        steady = gamma * (
-            self._vehicle.l_r
-            - self._vehicle.M * self._vehicle.l_f * (v_x * v_x) / (2.0 * self._vehicle.L * self._vehicle.C_r)
-        )
+        v_x: cython.double = self._longitudinal(motion, along, self._wheel_speed(gamma, front, rear))
+        steady: cython.double = gamma * (self._l_r - self._M_l_f * (v_x * v_x) / self._L_C_r)
         v_y = self._voted("VelocityY", motion, across, steady, VELOCITY_Y_MPS, self._velocity.v_y)
         return _Velocity(v_x, steady if v_y is None else v_y, gamma)
 
@@ -224,7 +236,7 @@ class OwnMotion:
             return turned
         if front is not None and rear is not None:
             right, left = front["WheelSpeedFR"] + rear["WheelSpeedRR"], front["WheelSpeedFL"] + rear["WheelSpeedRL"]
-            return 0.5 * (right - left) * self._vehicle.R_w / self._vehicle.l_t
+            return 0.5 * (right - left) * self._R_w / self._l_t
         return before
 
     def _longitudinal(self, motion: Signals | None, along: float | None, rolling: float | None) -> float:
@@ -239,18 +251,21 @@ class OwnMotion:
         motion: Signals | None,
         second: float | None,
         third: float | None,
-        limit: float,
-        before: float,
+        limit: cython.double,
+        before: cython.double,
     ) -> float | None:
         """Return the measured value; None if it is missing or not trusted."""
         if motion is None:
             return None
         value: cython.double = motion[name]
         trust: _Trust = self._trust[name]
-        agrees = second is None or abs(value - second) <= limit
-        if second is not None and not agrees and trust.given:
-            jumped = abs(value - before) > limit >= abs(second - before)
-            outvoted = third is not None and abs(value - third) > abs(second - third)
+        if second is None:
+            return value if trust.note(True) else None
+        other: cython.double = second
+        agrees: cython.bint = abs(value - other) <= limit
+        if not agrees and trust.given:
+            jumped = abs(value - before) > limit >= abs(other - before)
+            outvoted = third is not None and abs(value - third) > abs(other - third)
             agrees = not (jumped or outvoted)
         return value if trust.note(agrees) else None
 
@@ -260,18 +275,21 @@ class OwnMotion:
         self._moved = None
         if position is None or before is None or self._pose is None:
             return None, None
-        dx, dy = (position["X"] - before[0]) / CYCLE_S, (position["Y"] - before[1]) / CYCLE_S
+        step_s: cython.double = CYCLE_S
+        dx: cython.double = (position["X"] - before[0]) / step_s
+        dy: cython.double = (position["Y"] - before[1]) / step_s
         self._moved = (dx, dy)
-        yaw = self._pose.yaw + 0.5 * CYCLE_S * self._velocity.gamma
-        c, s = cos(yaw), sin(yaw)
+        yaw: cython.double = self._pose.yaw + 0.5 * step_s * self._velocity.gamma
+        c: cython.double = cos(yaw)
+        s: cython.double = sin(yaw)
         return c * dx + s * dy, c * dy - s * dx
 
     def _wheel_speed(self, gamma: float, front: Signals | None, rear: Signals | None) -> float | None:
         """Return v_x (m/s) from the rolling wheels: the median of the trusted ones."""
         if front is None or rear is None:
             return None
-        turn: cython.double = 0.5 * self._vehicle.l_t * gamma
-        radius: cython.double = self._vehicle.R_w
+        turn: cython.double = 0.5 * self._l_t * gamma
+        radius: cython.double = self._R_w
         speeds = [
             front["WheelSpeedFL"] * radius + turn,
             front["WheelSpeedFR"] * radius - turn,
@@ -291,7 +309,7 @@ class OwnMotion:
         velocity: _Velocity,
         position: Signals | None,
         attitude: Signals | None,
-        elapsed_s: float,
+        elapsed_s: cython.double,
     ) -> None:
         """Update dead reckoning, and compare the measured pose with it."""
         if self._pose is None:
@@ -299,11 +317,13 @@ class OwnMotion:
                 self._pose = _Pose(position["X"], position["Y"], attitude["Yaw"])
                 self._reckoned = self._pose
             return
-        v_x, v_y, gamma = velocity
-        x, y, yaw = self._reckoned
-        yaw_now = yaw + elapsed_s * 0.5 * (self._velocity.gamma + gamma)
-        middle = 0.5 * (yaw + yaw_now)
-        along, across = 0.5 * (self._velocity.v_x + v_x), 0.5 * (self._velocity.v_y + v_y)
+        x: cython.double = self._reckoned.x
+        y: cython.double = self._reckoned.y
+        yaw: cython.double = self._reckoned.yaw
+        yaw_now: cython.double = yaw + elapsed_s * 0.5 * (self._velocity.gamma + velocity.gamma)
+        middle: cython.double = 0.5 * (yaw + yaw_now)
+        along: cython.double = 0.5 * (self._velocity.v_x + velocity.v_x)
+        across: cython.double = 0.5 * (self._velocity.v_y + velocity.v_y)
         x += elapsed_s * (along * cos(middle) - across * sin(middle))
         y += elapsed_s * (along * sin(middle) + across * cos(middle))
         self._way += elapsed_s * abs(along)
@@ -311,7 +331,7 @@ class OwnMotion:
         if attitude is not None:
             turns = round((yaw_now - attitude["Yaw"]) / (2.0 * math.pi))
             yaw_seen = attitude["Yaw"] + 2.0 * math.pi * turns
-        if yaw_seen is not None and self._yaw_rate_is_wrong(yaw_now, yaw_seen, v_y):
+        if yaw_seen is not None and self._yaw_rate_is_wrong(yaw_now, yaw_seen, velocity.v_y):
             self._trust["YawRate"].note(False)
             yaw_now = yaw_seen
         yaw_now, yaw_used, _ = self._compare("Yaw", yaw_now, yaw_seen, YAW_RAD)
@@ -323,7 +343,7 @@ class OwnMotion:
         self._reckoned = _Pose(x, y, yaw_now)
         self._pose = _Pose(x_used, y_used, yaw_used)
 
-    def _yaw_rate_is_wrong(self, reckoned: float, seen: float, v_y: float) -> bool:
+    def _yaw_rate_is_wrong(self, reckoned: cython.double, seen: cython.double, v_y: cython.double) -> bool:
         """Whether yaw (rad) and yaw rate contradict each other and the positions confirm the yaw."""
         if self._moved is not None:
             dx, dy = self._moved
@@ -334,11 +354,17 @@ class OwnMotion:
         contradict = abs(seen - reckoned) > YAW_RAD and self._trust["Yaw"].given
         return contradict and self._slip_errors[0] < self._slip_errors[1]
 
-    def _compare(self, name: str, reckoned: float, seen: float | None, limit: float) -> tuple[float, float, bool]:
+    def _compare(
+        self, name: str, reckoned: cython.double, seen: float | None, limit: cython.double
+    ) -> tuple[float, float, bool]:
         """Return the corrected dead reckoning, the value to use, and whether that is the measured one."""
-        if seen is None or not self._trust[name].note(abs(seen - reckoned) <= limit):
+        trust: _Trust = self._trust[name]
+        if seen is None:
             return reckoned, reckoned, False
-        return reckoned + _PULL * (seen - reckoned), seen, True
+        value: cython.double = seen
+        if not trust.note(abs(value - reckoned) <= limit):
+            return reckoned, reckoned, False
+        return reckoned + _PULL * (value - reckoned), seen, True
 
     def _cause(self, known: bool, in_range: bool) -> Cause:
         if not known:
@@ -349,7 +375,7 @@ class OwnMotion:
             trusted = trusted and trust.given
         if not trusted:
             return Cause.SENSOR_IMPLAUSIBLE
-        if not any(self._missing.values()):
+        if self._complete:
             return Cause.NONE
         lost = any(count >= self._timeouts[name] for name, count in self._missing.items())
         return Cause.SENSOR_LOST if lost else Cause.SENSOR_MISSING
