@@ -29,6 +29,23 @@ def _parameter(
 
 
 @dataclass(frozen=True)
+class Body:
+    """The outline of a vehicle seen from above: a rectangle around its centre of mass.
+
+    Attributes:
+        length: m.
+        width: without mirrors, m.
+    """
+
+    length: float
+    width: float
+
+
+BODY = Body(length=4.5, width=1.8)
+"""Assumed: a typical passenger car around the wheelbase and track width of Table 1."""
+
+
+@dataclass(frozen=True)
 class VehicleParameters:
     """The vehicle, in SI units and radians; each field's unit, meaning and source are in its metadata.
 

@@ -13,7 +13,9 @@ import numpy as np
 
 from bench.analysis.boundary import margin, yaw_rate_max
 from bench.analysis.bus_load import BusLoad
+from bench.analysis.clearance import abreast, clearances
 from bench.analysis.figure import Curve, Figure, Line
+from bench.analysis.metrics import CLEARANCE_M
 from bench.analysis.motion import Array
 from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
@@ -23,6 +25,7 @@ from bench.names import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
 from bench.record.time_join import same_times
+from platoon_fmu.parameters import BODY
 
 NOTHING_YET = (0.0, 0.0)
 """An empty span: all figures, their columns empty, for a run that has not started."""
@@ -175,16 +178,31 @@ class Figures:
         truth, goal = self._truth, self._scenario.platoon
         group = "Formation and safety"
         if len(truth.order) > 1:
-            lines = [Line(goal.gap_m, "gap"), Line(LEAST_DISTANCE_M, "minimum", limit=True)]
+            minimum = (
+                []
+                if abreast([each.x_m for each in self._scenario.vehicles])
+                else [Line(LEAST_DISTANCE_M, "minimum", limit=True)]
+            )
             self._add(
                 self._over_time(
                     "distances",
                     "Distances between vehicles",
                     group,
                     "centre to centre [m]",
-                    self._distance_curves(),
-                    lines,
+                    self._pair_curves("distance", truth.distances()),
+                    [Line(goal.gap_m, "gap"), *minimum],
                     y_range=[0.0, goal.gap_m],
+                )
+            )
+            self._add(
+                self._over_time(
+                    "clearances",
+                    "Clearance between vehicles",
+                    group,
+                    "body to body [m]",
+                    self._pair_curves("clearance", clearances(truth)),
+                    [Line(CLEARANCE_M, "minimum without a fault", limit=True)],
+                    y_range=[0.0, goal.gap_m - BODY.length],
                 )
             )
         for index, v in enumerate(self._vehicles):
@@ -207,25 +225,26 @@ class Figures:
             )
         )
 
-    def _distance_curves(self) -> list[Curve]:
+    def _pair_curves(self, quantity: str, values: dict[tuple[int, int], Array]) -> list[Curve]:
         """Return all pairs of a small platoon; of a larger one its neighbours and the minimum over all pairs."""
         truth = self._truth
-        distances = truth.distances()
         neighbours = [tuple(sorted(pair)) for pair in zip(truth.order, truth.order[1:], strict=False)]
         curves = []
         for index, (i, j) in enumerate(neighbours, start=1):
-            curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=False))
+            curves.append(self._pair_curve(quantity, i, j, values[i, j], colour(len(truth.order) + index), dash=False))
         if len(truth.order) <= _ALL_PAIRS_UP_TO:
-            others = [pair for pair in distances if pair not in neighbours]
+            others = [pair for pair in values if pair not in neighbours]
             for index, (i, j) in enumerate(others, start=len(neighbours) + 1):
-                curves.append(self._distance_curve(i, j, distances[i, j], colour(len(truth.order) + index), dash=True))
+                curves.append(
+                    self._pair_curve(quantity, i, j, values[i, j], colour(len(truth.order) + index), dash=True)
+                )
         else:
-            self._series.put("distance.least", np.min(list(distances.values()), axis=0))
-            curves.append(Curve("minimum of all pairs", "t", "distance.least", "ink", dash=True))
+            self._series.put(f"{quantity}.least", np.min(list(values.values()), axis=0))
+            curves.append(Curve("minimum of all pairs", "t", f"{quantity}.least", "ink", dash=True))
         return curves
 
-    def _distance_curve(self, i: int, j: int, values: Array, line_colour: str, *, dash: bool) -> Curve:
-        key = f"distance.{i + 1}-{j + 1}"
+    def _pair_curve(self, quantity: str, i: int, j: int, values: Array, line_colour: str, *, dash: bool) -> Curve:
+        key = f"{quantity}.{i + 1}-{j + 1}"
         self._series.put(key, values)
         return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
 

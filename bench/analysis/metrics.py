@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from bench.analysis.boundary import margin
+from bench.analysis.clearance import abreast, clearances
 from bench.analysis.motion import Array, Motion, motion
 from bench.analysis.step_times import step_times_ms
 from bench.analysis.told import told
-from bench.analysis.troubles import NotNumber, Warnings, not_numbers, warnings_of
+from bench.analysis.troubles import NotNumber, Warnings, has_fault, not_numbers, warnings_of
 from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
 from bench.control.outcome import GainSource, SolverStatus
@@ -26,6 +27,10 @@ GAP_BAND_M = 0.5
 SPEED_BAND_MPS = 0.2
 LATERAL_BAND_M = 0.2
 YAW_BAND_RAD = 0.01
+CLEARANCE_M = 1.0
+"""Clearance (m) to keep without a fault; at most the clearance at the start."""
+CLEARANCE_WITH_FAULT_M = 0.3
+"""Clearance (m) to keep with one."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,12 @@ class Metrics:
         formation_time_s: time from which gaps, speeds, lateral errors and yaw angles stay in their bands to the end;
             None if they are outside at the end.
         least_distance_m: minimum distance between two centres of mass; None for a single vehicle.
+        least_clearance_m: minimum distance between the bodies of two vehicles, negative where they overlap; None for a
+            single vehicle.
+        required_clearance_m: the clearance to keep: `CLEARANCE_M` or less if the vehicles start nearer, and
+            `CLEARANCE_WITH_FAULT_M` with a fault.
+        abreast_at_start: whether vehicles start abreast, in different lanes, so that the distance between centres of
+            mass is no measure.
         final_gaps_m: distance along the road from each vehicle to the next one behind.
         final_speeds_mps: longitudinal speeds.
         final_lateral_errors_m: offset from the centre of the platoon's lane, positive to the left.
@@ -72,6 +83,9 @@ class Metrics:
     formed: bool
     formation_time_s: float | None
     least_distance_m: float | None
+    least_clearance_m: float | None
+    required_clearance_m: float | None
+    abreast_at_start: bool
     final_gaps_m: list[float]
     final_speeds_mps: list[float]
     final_lateral_errors_m: list[float]
@@ -107,6 +121,7 @@ def compute(run: Run) -> Metrics:
     truth = motion(run)
     formed_at = formation_time(truth, goal.lane_y_m, goal.speed_mps, goal.gap_m)
     distances = truth.distances()
+    apart = list(clearances(truth).values())
     duration = _duration(run, truth)
     sources = gain_sources(run)
     wall_s = _number(run.result.get("wall_s"))
@@ -118,6 +133,9 @@ def compute(run: Run) -> Metrics:
         formed=formed_at is not None,
         formation_time_s=formed_at,
         least_distance_m=min((float(d.min()) for d in distances.values()), default=None),
+        least_clearance_m=min((float(each.min()) for each in apart), default=None),
+        required_clearance_m=_required_clearance([float(each[0]) for each in apart], has_fault(run.events)),
+        abreast_at_start=abreast(truth.X[:, 0]),
         final_gaps_m=truth.gaps[:, -1].tolist(),
         final_speeds_mps=truth.v_x[:, -1].tolist(),
         final_lateral_errors_m=(truth.Y[:, -1] - goal.lane_y_m).tolist(),
@@ -139,6 +157,12 @@ def compute(run: Run) -> Metrics:
         not_numbers=not_numbers(run.events),
         real_time_factor=duration / wall_s if wall_s else None,
     )
+
+
+def _required_clearance(at_start: list[float], with_fault: bool) -> float | None:
+    """Return the clearance to keep, m, from that of all pairs at the start; None for a single vehicle."""
+    least = CLEARANCE_WITH_FAULT_M if with_fault else CLEARANCE_M
+    return min([least, *at_start]) if at_start else None
 
 
 def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> float | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict
 from typing import Any
 
 from bench.analysis import requirements
@@ -15,9 +14,9 @@ from bench.analysis.series import Span
 from bench.bus.link.base import EXTENDED
 from bench.cycle import CYCLE_S
 from bench.record import Event, Run
-from bench.record.drawing import BODY, colour, lane_edges
+from bench.record.drawing import colour, lane_edges
 from bench.record.label import label_of
-from platoon_fmu.parameters import VehicleParameters
+from platoon_fmu.parameters import BODY, VehicleParameters
 
 PageData = dict[str, Any]
 
@@ -115,7 +114,7 @@ def _road(run: Run) -> dict[str, Any]:
         "lane": scenario.platoon.lane_y_m,
         "cycle": CYCLE_S,
         "duration": scenario.duration_s,
-        "body": {name: value for name, value in asdict(BODY).items() if name != "boxes"},
+        "body": {"front": 0.5 * BODY.length, "rear": 0.5 * BODY.length, "width": BODY.width},
         "axles": [car.l_f, -car.l_r],
         "tread": car.l_t,
         "wheel": [2.0 * car.R_w, WHEEL_WIDTH],

@@ -17,7 +17,8 @@ from bench.analysis.metrics import formation_time
 from bench.analysis.motion import Array, Motion, motion
 from bench.files import write_text
 from bench.record import Run
-from bench.record.drawing import BODY, colour, lane_edges
+from bench.record.drawing import colour, lane_edges
+from platoon_fmu.parameters import BODY
 
 PIXELS_PER_METRE = 9.0
 COLUMNS = 2
@@ -154,7 +155,8 @@ class _View:
         """Return a car with its number, nose to the right at yaw angle zero."""
         scale = PIXELS_PER_METRE
         x, y = self.at(car, row)
-        length, width, rear = (BODY.front + BODY.rear) * scale, BODY.width * scale, -BODY.rear * scale
+        length, width = BODY.length * scale, BODY.width * scale
+        rear = -0.5 * length
         panes = "".join(
             f'<rect x="{rear + length * start:.1f}" y="{-width * 0.36:.1f}" width="{length * share:.1f}" '
             f'height="{width * 0.72:.1f}" rx="3" fill="#fff" fill-opacity=".55"/>'

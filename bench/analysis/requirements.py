@@ -10,6 +10,8 @@ from bench.analysis.step_times import NOT_SENT, median_and_p99
 from bench.scenario import Scenario
 
 LEAST_DISTANCE_M = 4.0
+ROUNDING_M = 1e-3
+"""A clearance that is smaller than the required one by less than this (m) is the required one, rounded."""
 FINAL_GAP_M = 0.2
 FINAL_SPEED_MPS = 0.1
 FINAL_LATERAL_M = 0.15
@@ -54,6 +56,7 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
             formed is not None and (limit is None or formed <= limit),
         ),
         _least_distance(metrics),
+        _least_clearance(metrics),
         _near("Final gaps", metrics.final_gaps_m, goal.gap_m, FINAL_GAP_M, "m", 3),
         _near("Final speeds", metrics.final_speeds_mps, goal.speed_mps, FINAL_SPEED_MPS, "m/s", 3),
         _below("Final lateral errors", metrics.final_lateral_errors_m, FINAL_LATERAL_M, "m", 3),
@@ -105,7 +108,28 @@ def _least_distance(metrics: Metrics) -> Row:
     least = metrics.least_distance_m
     if least is None:
         return Row("Least distance", "")
-    return Row("Least distance", f"{least:.2f} m", f"above {LEAST_DISTANCE_M:g} m", least > LEAST_DISTANCE_M)
+    if metrics.abreast_at_start:
+        return Row("Least distance", f"{least:.2f} m")
+    return Row("Least distance", f"{least:.2f} m", f"above {LEAST_DISTANCE_M:g} m", keeps_distance(metrics))
+
+
+def _least_clearance(metrics: Metrics) -> Row:
+    least, required = metrics.least_clearance_m, metrics.required_clearance_m
+    if least is None or required is None:
+        return Row("Least clearance", "")
+    return Row("Least clearance", f"{least:.2f} m", f"at least {required:.2f} m", keeps_clear(metrics))
+
+
+def keeps_clear(metrics: Metrics) -> bool:
+    """Return whether the vehicles kept the clearance that is required."""
+    least, required = metrics.least_clearance_m, metrics.required_clearance_m
+    return least is None or required is None or least >= required - ROUNDING_M
+
+
+def keeps_distance(metrics: Metrics) -> bool:
+    """Return whether the vehicles kept the distance between centres that is required unless they start abreast."""
+    least = metrics.least_distance_m
+    return least is None or metrics.abreast_at_start or least > LEAST_DISTANCE_M
 
 
 def _near(name: str, values: Sequence[float], goal: float, band: float, unit: str, digits: int) -> Row:

@@ -62,6 +62,11 @@ class NotNumber:
         return f"{self.ecu} sent {what}, from {self.first_s:.2f} s {till}"
 
 
+def has_fault(events: Iterable[Event]) -> bool:
+    """Return whether a fault that was asked for began, planned or from outside."""
+    return any(event.kind == FaultBegins.kind for event in events)
+
+
 def warnings_of(events: Iterable[Event]) -> Warnings:
     """Return the warnings among the events of a run."""
     found = [event for event in events if event.level in _GRAVE and event.kind not in _ASKED_FOR]

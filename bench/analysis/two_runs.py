@@ -18,6 +18,7 @@ Value = float | Sequence[float | None] | None
 _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Formation time": (lambda m: m.formation_time_s, 2, "s"),
     "Least distance": (lambda m: m.least_distance_m, 2, "m"),
+    "Least clearance": (lambda m: m.least_clearance_m, 2, "m"),
     "Final gaps": (lambda m: m.final_gaps_m, 3, "m"),
     "Final speeds": (lambda m: m.final_speeds_mps, 3, "m/s"),
     "Final lateral errors": (lambda m: m.final_lateral_errors_m, 3, "m"),

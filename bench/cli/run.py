@@ -314,15 +314,18 @@ def _fork_server(scenario: "Scenario", ecus: Mapping[str, str]) -> "ForkServer":
 
 def _failures(metrics: "Metrics", scenario: "Scenario") -> list[str]:
     """Return why a run that has been completed counts as failed, a line each; none if it does not."""
-    from bench.analysis.requirements import LEAST_DISTANCE_M
+    from bench.analysis.requirements import LEAST_DISTANCE_M, keeps_clear, keeps_distance
 
     lines = [str(each) for each in metrics.not_numbers] if scenario.on_not_a_number == "fail" else []
     failures = ["had commands that are not numbers"] if lines else []
     if metrics.formation_time_s is None:
         failures.append(f"did not form a platoon in {scenario.duration_s:g} s")
-    if metrics.least_distance_m is not None and metrics.least_distance_m <= LEAST_DISTANCE_M:
+    if not keeps_distance(metrics):
         least = f"{metrics.least_distance_m:.2f} m of each other, centre to centre"
         failures.append(f"brought vehicles within {least}, where {LEAST_DISTANCE_M:g} m is the least")
+    if not keeps_clear(metrics):
+        least = f"{metrics.least_clearance_m:.2f} m"
+        failures.append(f"left {least} between two bodies, where {metrics.required_clearance_m:.2f} m is the least")
     return [*lines, f"{scenario.name} {' and '.join(failures)}"] if failures else []
 
 

@@ -129,6 +129,7 @@ def _overall(metrics: "Metrics") -> "Table":
     rows = [
         ("formation time", formed),
         ("least distance", _figure(metrics.least_distance_m, "{:.2f} m")),
+        ("least clearance", _figure(metrics.least_clearance_m, "{:.2f} m")),
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
         ("steps solved by Riccati / SDP", f"{count_text(metrics.riccati_steps)} / {count_text(metrics.sdp_steps)}"),

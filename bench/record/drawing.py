@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+
+from platoon_fmu.parameters import BODY
 
 # Okabe and Ito's palette for colour-blind readers, darkened where it was too pale for a white page, then lighter
 # relatives for the vehicles from the ninth on.
@@ -15,29 +16,11 @@ _COLOURS = (
 LANE_WIDTH = 3.5
 """Width of a drawn lane, m; the bench's roads have only lane centres."""
 
-
-@dataclass(frozen=True)
-class Body:
-    """A passenger car around the wheelbase and tread of Table 1, for drawing only.
-
-    Attributes:
-        front, rear: extent ahead of and behind the centre of mass, m.
-        width: width, m.
-        boxes: middle along x [m], base above the road [m], (length, width, height) [m] and opacity of each box.
-    """
-
-    front: float
-    rear: float
-    width: float
-    boxes: tuple[tuple[float, float, tuple[float, float, float], float], ...]
-
-
-BODY = Body(
-    front=2.25,
-    rear=2.45,
-    width=1.84,
-    boxes=((-0.1, 0.25, (4.7, 1.84, 0.6), 1.0), (-0.45, 0.85, (2.4, 1.6, 0.6), 0.75)),
+BOXES: tuple[tuple[float, float, tuple[float, float, float], float], ...] = (
+    (0.0, 0.25, (BODY.length, BODY.width, 0.6), 1.0),
+    (-0.35, 0.85, (0.5 * BODY.length, BODY.width - 0.24, 0.6), 0.75),
 )
+"""The boxes of a drawn vehicle: middle along x [m], base above the road [m], (length, width, height) [m], opacity."""
 
 
 def colour(vehicle: int) -> str:

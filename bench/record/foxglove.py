@@ -20,8 +20,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 
-from bench.record.drawing import BODY, LANE_WIDTH, colour, lane_edges
+from bench.record.drawing import BOXES, LANE_WIDTH, colour, lane_edges
 from bench.record.layout import tag, varint
+from platoon_fmu.parameters import BODY
 
 MAP_FRAME = "map"
 LEVELS = {"debug": Log.DEBUG, "info": Log.INFO, "warning": Log.WARNING, "error": Log.ERROR, "fatal": Log.FATAL}
@@ -155,7 +156,7 @@ def scene(time_ns: int, vehicles: int, lanes: Sequence[float]) -> bytes:
 
 def _add_body(entity: SceneEntity, vehicle: int) -> None:
     red, green, blue = _rgb(vehicle)
-    for middle, base, (length, width, height), alpha in BODY.boxes:
+    for middle, base, (length, width, height), alpha in BOXES:
         cube = entity.cubes.add()
         cube.pose.position.x, cube.pose.position.z = middle, base + height / 2.0
         cube.pose.orientation.w = 1.0
@@ -172,8 +173,8 @@ def _add_slot(entity: SceneEntity, vehicle: int) -> None:
     line.pose.orientation.w = 1.0
     line.color.r, line.color.g, line.color.b = _rgb(vehicle)
     line.color.a = 0.8
-    side = BODY.width / 2.0
-    for x, y in ((BODY.front, side), (-BODY.rear, side), (-BODY.rear, -side), (BODY.front, -side)):
+    end, side = BODY.length / 2.0, BODY.width / 2.0
+    for x, y in ((end, side), (-end, side), (-end, -side), (end, -side)):
         line.points.add(x=x, y=y, z=0.02)
 
 

@@ -33,7 +33,7 @@ PAPER = {
     "fig13": "Yaw rate over speed, vehicle 3",
 }
 MORE = {
-    *("distances", "lateral", "margin", "steering", "torque1", "torque2", "torque3"),
+    *("distances", "clearances", "lateral", "margin", "steering", "torque1", "torque2", "torque3"),
     *("disturbancex", "disturbancey", "disturbanceyaw", "flockGa", "flockP11", "flockP21"),
     *(
         "trackertimingsolvetime",
