@@ -80,6 +80,21 @@ class Series:
         codec = self._run.codec(vehicle_bus(v))
         return CYCLE_S * (codec.period(message) if codec is not None and message in codec.names else 1)
 
+    def felt(self, v: int, name: str) -> Array | None:
+        """Return a column of `Run.comfort` of vehicle `v` at all times, NaN for missing values; None if it has none.
+
+        What needs values of other times is left out of a run in progress, of which a span is all there is.
+        """
+        if self.live:
+            return self.true(v, name) if name in ("a_x", "a_y") else None
+        if self.true(v, "a_x") is None or self.true(v, "a_y") is None:
+            return None
+        felt = self._run.comfort(v)
+        values = np.full(len(self.truth.t), np.nan)
+        rows, at = same_times(felt["t"], self.truth.t)
+        values[at] = felt[name][rows]
+        return values
+
     def true(self, v: int, name: str) -> Array | None:
         """Return the ground truth `name` of vehicle `v` at all times; None if it was not recorded."""
         columns = self._run.truth(v) if f"/truth/veh{v}" in self._run.topics else {}

@@ -28,6 +28,7 @@ from bench.record import event
 from bench.record.can_frame import MAX_DATA, MOST_BUSES, Frame
 from bench.record.catalogue import Catalogue, check_text
 from bench.record.columns import Columns
+from bench.record.comfort import felt
 from bench.record.dbc_files import DbcFiles
 from bench.record.event import Event
 from bench.record.frame_table import FRAME_TABLE, frames_of
@@ -228,6 +229,18 @@ class Run:
             BadInput: none were recorded.
         """
         return self._table(f"/truth/veh{vehicle}", Span.of(start_s, end_s))
+
+    def comfort(self, vehicle: int) -> Columns:
+        """Return what is felt in a vehicle over time, from its true values; each (n,).
+
+        `t`: the time, s. `a_x`, `a_y`: acceleration of the centre of mass, forward and to the left, m/s^2. `jerk_x`,
+        `jerk_y`: jerk averaged over the last 0.5 s (ISO 11270), m/s^3; NaN in the first 0.5 s. `weighted_x`,
+        `weighted_y`: acceleration weighted with W_d (ISO 2631-1), m/s^2.
+
+        Raises:
+            BadInput: no true accelerations were recorded.
+        """
+        return felt(self.truth(vehicle), f"comfort of veh{vehicle} in {self.path}")
 
     @cached_property
     def catalogue(self) -> Catalogue:
