@@ -1,6 +1,6 @@
 """Prints the tables of all parts or of one: `python -m bench.benchmarks [loop|bus|fmu|live|record|rmpc|worst]`.
 
-`against REV` compares this checkout with another revision.
+`against REV` compares this checkout with another revision; `comfort` runs hundreds of random scenarios.
 """
 
 import argparse
@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bench.benchmarks import bus, fmu, live, loop, record
 from bench.benchmarks.against import command as against
+from bench.benchmarks.comfort import command as comfort
 from bench.benchmarks.rmpc import command as rmpc
 from bench.benchmarks.rmpc import worst
 from bench.errors import BenchError
@@ -31,12 +32,13 @@ def main() -> None:
     """Run the requested part, or all."""
     parser = argparse.ArgumentParser(prog="python -m bench.benchmarks", description=__doc__)
     parts = parser.add_subparsers(
-        dest="part", metavar="PART", help=f"the only part to run: {', '.join(PARTS)}, against"
+        dest="part", metavar="PART", help=f"the only part to run: {', '.join(PARTS)}, against, comfort"
     )
     described = {name: parts.add_parser(name) for name in PARTS}
     rmpc.add_arguments(described["rmpc"])
     described["worst"].add_argument("--runs", type=int, default=worst.RUNS, metavar="N", help="default %(default)s")
     against.add_arguments(parts.add_parser("against", help="compare this checkout with another revision"))
+    comfort.add_arguments(parts.add_parser("comfort", help="random scenarios, and the price of comfort; takes hours"))
     options = parser.parse_args()
     console = Console(width=120)
     try:
@@ -51,6 +53,9 @@ def main() -> None:
 def _tables(options: argparse.Namespace) -> Iterator[Table | str]:
     if options.part == "against":
         yield from against.compare(options)
+        return
+    if options.part == "comfort":
+        yield from comfort.measured(options)
         return
     if options.part == "rmpc":
         yield from rmpc.measured(options)

@@ -1,4 +1,4 @@
-"""Reads a scenario from TOML, a shipped one or a file, and applies command-line overrides."""
+"""Reads a scenario from TOML, a shipped one, a random one or a file, and applies command-line overrides."""
 
 import json
 import re
@@ -12,8 +12,9 @@ from pydantic import ValidationError
 from bench.errors import BadInput
 from bench.faults.former import renewed
 from bench.scenario.errors import Source, closest, explain
-from bench.scenario.model import LONGEST_DESCRIPTION, Scenario
+from bench.scenario.model import FROM_LOG, LONGEST_DESCRIPTION, Scenario
 from bench.scenario.overrides import put
+from bench.scenario.random_family import is_random, number_in, random_scenario
 
 SCENARIO_DIR = Path(__file__).parent / "shipped"
 
@@ -33,16 +34,20 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
     """Return a validated scenario.
 
     Args:
-        name_or_path: the name of a shipped scenario, or a TOML file.
+        name_or_path: the name of a shipped scenario, `random:SEED`, or a TOML file.
         overrides: `KEY=VALUE` each, with a dotted KEY (`vehicles.0.x_m`, `vehicles[0].x_m`) and a TOML VALUE.
         seed: replaces the scenario's seed.
 
     Raises:
         BadInput: one message with all errors: key, line, value, allowed range and remedy.
     """
-    path = _find(name_or_path)
-    text, document = _read(path)
-    document.setdefault("name", _name_from(path))
+    if is_random(str(name_or_path)):
+        where, text = str(name_or_path), random_scenario(number_in(str(name_or_path)))
+        document = tomllib.loads(text)
+    else:
+        path = _find(name_or_path)
+        where, (text, document) = str(path), _read(path)
+        document.setdefault("name", _name_from(path))
     given: dict[tuple[str | int, ...], str] = {}
     for override in overrides:
         given[put(document, override)] = f"--set {override}"
@@ -52,12 +57,12 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
     try:
         as_json = json.dumps(document, default=str)
     except RecursionError:
-        raise BadInput(f"Scenario {path} is nested too deeply; a scenario's keys have at most four parts") from None
+        raise BadInput(f"Scenario {where} is nested too deeply; a scenario's keys have at most four parts") from None
     try:
         # From JSON, because only then strict validation accepts lists as tuples and tables as dataclasses.
         return Scenario.model_validate_json(as_json)
     except ValidationError as error:
-        source = Source(str(path), text, document, given)
+        source = Source(where, text, document, given)
         raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
 
 
@@ -82,7 +87,7 @@ def _from_log(document: dict[str, Any]) -> Scenario:
     faults = document.get("faults")
     if isinstance(faults, list):
         document["faults"] = [renewed(fault) if isinstance(fault, dict) else fault for fault in faults]
-    return Scenario.model_validate_json(json.dumps(document, default=str))
+    return Scenario.model_validate_json(json.dumps(document, default=str), context=FROM_LOG)
 
 
 def _find(name_or_path: str | Path) -> Path:

@@ -21,6 +21,7 @@ from bench.benchmarks.against.comparison import Costs, in_pairs, in_real_time, s
 from bench.benchmarks.against.profile import is_possible
 from bench.errors import BadInput, RunFailed
 from bench.scenario import SCENARIO_DIR, load, shipped
+from bench.scenario.random_family import is_random, number_in, random_scenario
 from platoon_fmu.interpreter import interpreter
 
 HOW_TO_READ = (
@@ -101,8 +102,12 @@ def scenario_file(name: str, vehicles: int | None, folder: Path) -> Path:
     Raises:
         BadInput: there is no such scenario, or it is not possible with so many vehicles.
     """
-    load(name)
+    scenario = load(name)
     path = SCENARIO_DIR / f"{name}.toml" if name in shipped() else Path(name).resolve()
+    if is_random(name):
+        # The other checkout may not know the family.
+        path = folder / f"{scenario.name}.toml"
+        path.write_text(random_scenario(number_in(name)), encoding="utf-8")
     if vehicles is None:
         return path
     document = tomllib.loads(path.read_text(encoding="utf-8"))

@@ -15,8 +15,9 @@ from bench.benchmarks.rmpc.check import failures
 from bench.benchmarks.rmpc.contestants import OURS, Contestant, Result, contestants, settings, solved
 from bench.benchmarks.rmpc.page import page
 from bench.benchmarks.rmpc.problems import FILE, Problems, load, save
-from bench.benchmarks.rmpc.tables import Sheet, groups_sheet, nominal_sheet, robust_sheet
+from bench.benchmarks.rmpc.tables import groups_sheet, nominal_sheet, robust_sheet
 from bench.benchmarks.rmpc.worst import FEW, RUNS, worst_sheet
+from bench.benchmarks.sheet import Sheet
 from bench.errors import RunFailed
 from bench.files import check_directory, check_suffix, write_text
 

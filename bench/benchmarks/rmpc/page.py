@@ -7,8 +7,8 @@ import numpy as np
 
 from bench.benchmarks.rmpc.nominal import HORIZON
 from bench.benchmarks.rmpc.problems import Problems
-from bench.benchmarks.rmpc.tables import Sheet
 from bench.benchmarks.rmpc.worst import DURATION_S, RUNS
+from bench.benchmarks.sheet import Sheet
 
 _TEXT = Path(__file__).with_suffix(".md")
 

@@ -1,47 +1,16 @@
 """The benchmark's tables, for the terminal and for a page."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.table import Table
 
 from bench.benchmarks.figures import seconds_text
 from bench.benchmarks.rmpc.contestants import Result
 from bench.benchmarks.rmpc.nominal import Outcome
+from bench.benchmarks.sheet import Sheet
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A table as text.
-
-    Attributes:
-        title: what it shows.
-        headings: of the columns; the first column is aligned left.
-        rows: its cells.
-    """
-
-    title: str
-    headings: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-    def table(self) -> Table:
-        """Return it for the terminal."""
-        table = Table(title=self.title, title_justify="left")
-        for place, heading in enumerate(self.headings):
-            table.add_column(heading, justify="right" if place else "left")
-        for row in self.rows:
-            table.add_row(*row)
-        return table
-
-    def markdown(self) -> str:
-        """Return it for a page."""
-        rule = ["---", *["---:"] * (len(self.headings) - 1)]
-        lines = [self.headings, rule, *self.rows]
-        return f"{self.title}:\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
 def robust_sheet(results: Sequence[Result]) -> Sheet:

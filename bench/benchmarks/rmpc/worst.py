@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from bench.benchmarks.figures import seconds_text
-from bench.benchmarks.rmpc.tables import Sheet
+from bench.benchmarks.sheet import Sheet
 from bench.bus.link.address import Address
 from bench.bus.reception import Health
 from bench.bus.topic import Outgoing, Signals, Topic

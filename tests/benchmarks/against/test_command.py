@@ -47,6 +47,11 @@ def test_a_shipped_scenario_is_this_checkouts_file(tmp_path):
     assert command.scenario_file("formation", None, tmp_path) == SCENARIO_DIR / "formation.toml"
 
 
+def test_a_random_scenario_is_written_for_the_other_checkout(tmp_path):
+    assert load(command.scenario_file("random:7", None, tmp_path)) == load("random:7")
+    assert len(load(command.scenario_file("random:7", 9, tmp_path)).vehicles) == 9
+
+
 def test_impossible_scenarios_are_refused(tmp_path):
     with pytest.raises(BadInput, match="nonsense"):
         command.scenario_file("nonsense", None, tmp_path)
