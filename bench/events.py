@@ -202,6 +202,27 @@ class CauseChange(_OfState):
         return f"{self.state}: {_from_to(self.cause_before, self.cause)}"
 
 
+@dataclass(frozen=True)
+class HardBraking(_OfState):
+    """A planner brakes harder than is comfortable, to keep clear of a vehicle ahead, or does so no longer.
+
+    Attributes:
+        level: info.
+        source: the ECU, e.g. veh1.planner.
+        begins: whether it begins.
+    """
+
+    kind: ClassVar[str] = "hard_braking"
+    begins: bool
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        if self.begins:
+            return "brakes harder than is comfortable, to keep clear of a vehicle ahead"
+        return "brakes comfortably again"
+
+
 def _from_to(before: str, after: str) -> str:
     return after if before == after else f"{before or 'no cause'} -> {after or 'no cause'}"
 

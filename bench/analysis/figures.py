@@ -21,6 +21,7 @@ from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
 from bench.analysis.step_times import longest, longest_in_ms
 from bench.analysis.timing import histograms, timing
+from bench.control.comfort import ISO_LIMITS, JERK_WINDOW_S
 from bench.names import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
@@ -73,6 +74,7 @@ class Figures:
         self._paper_figures()
         self._more_of_the_motion()
         self._seen_from_above()
+        self._comfort()
         self._commands()
         self._estimates()
         self._flocking()
@@ -247,6 +249,27 @@ class Figures:
         key = f"{quantity}.{i + 1}-{j + 1}"
         self._series.put(key, values)
         return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
+
+    def _comfort(self) -> None:
+        """Add acceleration and jerk in the vehicle's axes with the limits of comfort."""
+        limits = ISO_LIMITS
+        mean = f"averaged over {JERK_WINDOW_S:g} s"
+        for name, title, unit, limit in (
+            ("a_y", "Lateral acceleration", "m/s²", limits.lateral_acceleration_mps2),
+            ("jerk_y", f"Lateral jerk, {mean}", "m/s³", limits.lateral_jerk_mps3),
+            ("a_x", "Longitudinal acceleration", "m/s²", limits.longitudinal_acceleration_mps2),
+            ("jerk_x", f"Longitudinal jerk, {mean}", "m/s³", limits.longitudinal_jerk_mps3),
+        ):
+            lines = [Line(limit, "limit of comfort", limit=True), Line(-limit, limit=True)]
+            curves = [self._curve(v, "t", f"{v}.{name}") for v in self._vehicles if self._put_felt(v, name)]
+            self._add_if(self._over_time(name.replace("_", ""), title, "Comfort", f"{name} [{unit}]", curves, lines))
+
+    def _put_felt(self, v: int, name: str) -> bool:
+        values = self._series.felt(v, name)
+        if values is None:
+            return False
+        self._series.put(f"{v}.{name}", values)
+        return True
 
     def _seen_from_above(self) -> None:
         """Put what only the animation shows: each vehicle's steering angle and the target position of its planner."""

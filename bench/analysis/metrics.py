@@ -11,13 +11,14 @@ import numpy as np
 
 from bench.analysis.boundary import margin
 from bench.analysis.clearance import abreast, clearances
+from bench.analysis.comfort import Comfort, comfort
 from bench.analysis.motion import Array, Motion, motion
 from bench.analysis.step_times import step_times_ms
 from bench.analysis.told import told
 from bench.analysis.troubles import NotNumber, Warnings, has_fault, not_numbers, warnings_of
 from bench.bus.network import ROLES, EcuSlot
 from bench.bus.states import EcuState
-from bench.control.outcome import GainSource, SolverStatus
+from bench.control.outcome import GainSource, Limit, SolverStatus
 from bench.cycle import CYCLE_S
 from bench.names import vehicle_bus
 from bench.record import Run
@@ -61,10 +62,14 @@ class Metrics:
         boundary_margin_min: minimum of 1 - |gamma| / gamma_max of the ground truth; negative is outside the boundary.
         speed_rmse_mps: RMS of ground truth minus the planner's reference for the same cycle; None if it sent none.
         yaw_rate_rmse_radps: the same for the yaw rate.
+        comfort: accelerations, jerk, steering and energy, see `Comfort`; None if the ground truth lacks them.
         solver_ms: time of the RMPC's solve, median and 99th percentile over all vehicles; of the longest solves in as
             many ms as the third item says, which is the DBC's cycle time of the message.
         tracker_ms: the same for the tracker's complete step.
         planner_ms: the same for the planner's complete step.
+        clearance_steps: cycles, over all vehicles, in which the distance to a vehicle ahead decided a reference; None
+            if no planner has reported.
+        hard_braking_steps: those of them in which it braked harder than is comfortable.
         riccati_steps: cycles, over all vehicles, whose feedback gain came from the Riccati equation; None if no tracker
             reported a solve.
         sdp_steps: the same for the semidefinite program, which is solved where the Riccati equation has no answer.
@@ -93,9 +98,12 @@ class Metrics:
     boundary_margin_min: float
     speed_rmse_mps: list[float | None]
     yaw_rate_rmse_radps: list[float | None]
+    comfort: Comfort | None
     solver_ms: dict[str, float] | None
     tracker_ms: dict[str, float] | None
     planner_ms: dict[str, float] | None
+    clearance_steps: int | None
+    hard_braking_steps: int | None
     riccati_steps: int | None
     sdp_steps: int | None
     fallback_steps: int | None
@@ -124,6 +132,7 @@ def compute(run: Run) -> Metrics:
     apart = list(clearances(truth).values())
     duration = _duration(run, truth)
     sources = gain_sources(run)
+    limits = _limits(run)
     wall_s = _number(run.result.get("wall_s"))
     return Metrics(
         scenario=scenario.name,
@@ -143,9 +152,12 @@ def compute(run: Run) -> Metrics:
         boundary_margin_min=float(margin(truth.gamma, truth.v_x, truth.mu).min()),
         speed_rmse_mps=[_rmse(run, vehicle, truth.t, values, "VelocityX") for vehicle, values in _each(truth.v_x)],
         yaw_rate_rmse_radps=[_rmse(run, vehicle, truth.t, values, "YawRate") for vehicle, values in _each(truth.gamma)],
+        comfort=comfort(run),
         solver_ms=step_times_ms(run, "TrackerTiming", "SolveTime") or None,
         tracker_ms=step_times_ms(run, "TrackerTiming", "StepTime") or None,
         planner_ms=step_times_ms(run, "PlannerTiming", "StepTime") or None,
+        clearance_steps=None if limits is None else limits[Limit.CLEARANCE] + limits[Limit.HARD_BRAKING],
+        hard_braking_steps=None if limits is None else limits[Limit.HARD_BRAKING],
         riccati_steps=None if sources is None else sources[GainSource.RICCATI],
         sdp_steps=None if sources is None else sources[GainSource.SDP],
         fallback_steps=None
@@ -181,6 +193,15 @@ def formation_time(truth: Motion, lane_y: float, speed: float, gap: float) -> fl
     bad = np.flatnonzero(~good)
     first = int(bad[-1]) + 1 if len(bad) else 0
     return float(truth.t[first]) if first < len(truth.t) else None
+
+
+def _limits(run: Run) -> Counter[int] | None:
+    """Return the number of cycles in which each `Limit` decided, over all planners; None if none has reported."""
+    reported = [v for v in range(1, run.vehicles + 1) if run.has(vehicle_bus(v), "PlannerStatus")]
+    found: Counter[int] = Counter()
+    for vehicle in reported:
+        found.update(run.message(vehicle_bus(vehicle), "PlannerStatus")["Limit"].astype(int).tolist())
+    return found if reported else None
 
 
 def gain_sources(run: Run) -> Counter[int] | None:

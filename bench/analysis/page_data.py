@@ -47,7 +47,7 @@ def page_data(run: Run, buses: list[BusLoad] | None = None) -> PageData:
         "formation_time": metrics.formation_time_s,
         "complete": metrics.complete,
         "status": run.result.get("status", "cut off"),
-        "metrics": [[row.name, row.value, row.requirement, row.met, row.of_machine] for row in rows],
+        "metrics": [[row.name, row.value, row.requirement, row.met, row.group] for row in rows],
         "events": events[:MAX_EVENTS],
         "more_events": max(0, len(events) - MAX_EVENTS),
         "buses": [_bus(bus) for bus in buses],

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
+from bench.analysis.comfort import REVERSAL_GAP_RAD, Comfort
 from bench.analysis.metrics import Metrics
 from bench.analysis.step_times import NOT_SENT, median_and_p99
+from bench.control.comfort import ISO_LIMITS
 from bench.scenario import Scenario
 
 LEAST_DISTANCE_M = 4.0
@@ -23,6 +26,16 @@ TRACKER_MS = (5.0, 10.0)
 PLANNER_MS = 3.0
 
 
+class Group(StrEnum):
+    """What a metric is of; only those of the run are a verdict on it."""
+
+    RUN = "run"
+    COMFORT = "comfort"
+    """Shown against the limits of comfort; to exceed them is no failure."""
+    MACHINE = "machine"
+    """Depends on the machine more than on the run."""
+
+
 @dataclass(frozen=True)
 class Row:
     """One metric.
@@ -30,21 +43,20 @@ class Row:
     Attributes:
         name: name of the metric.
         value: as text.
-        requirement: as text; empty for none.
+        requirement: as text, of comfort the limit; empty for none.
         met: whether the requirement is met; None without one, and for a value that was not sent.
-        of_machine: whether the value depends on the machine more than on the run: it is shown apart, and is no verdict
-            on the run.
+        group: the groups are shown apart.
     """
 
     name: str
     value: str
     requirement: str = ""
     met: bool | None = None
-    of_machine: bool = False
+    group: Group = Group.RUN
 
 
 def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
-    """Return the metrics of a run with their requirements; those that depend on the machine of the run are last."""
+    """Return the metrics of a run with their requirements, group by group."""
     goal = scenario.platoon
     formed = metrics.formation_time_s
     limit = FORMATION_TIME_S if scenario.name in TIMED else None
@@ -69,6 +81,8 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         ),
         Row("Speed error, RMS", _list(metrics.speed_rmse_mps, 4, "m/s")),
         Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
+        Row("Steps limited by the clearance", count_text(metrics.clearance_steps)),
+        Row("Steps with hard braking", count_text(metrics.hard_braking_steps)),
         Row("Steps solved by the Riccati equation", count_text(metrics.riccati_steps)),
         Row("Steps solved by the SDP", count_text(metrics.sdp_steps)),
         Row("Steps with a fallback gain", count_text(metrics.fallback_steps)),
@@ -76,12 +90,13 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         _none("E2E errors", metrics.e2e_errors),
         _numbers(metrics, scenario),
         Row("Warnings", str(metrics.warnings) if metrics.warnings.count else "0"),
-        Row("Solver, median / p99", median_and_p99(metrics.solver_ms), of_machine=True),
+        *(_comfort(metrics.comfort) if metrics.comfort else ()),
+        Row("Solver, median / p99", median_and_p99(metrics.solver_ms), group=Group.MACHINE),
         _times("Tracker step, median / p99", metrics.tracker_ms, *TRACKER_MS),
         _times("Planner step, median / p99", metrics.planner_ms, PLANNER_MS, None),
     ]
     if metrics.real_time_factor is not None:
-        rows.append(Row("Real-time factor", f"{metrics.real_time_factor:.2f}", of_machine=True))
+        rows.append(Row("Real-time factor", f"{metrics.real_time_factor:.2f}", group=Group.MACHINE))
     return [row for row in rows if row.value]
 
 
@@ -132,6 +147,48 @@ def keeps_distance(metrics: Metrics) -> bool:
     return least is None or metrics.abreast_at_start or least > LEAST_DISTANCE_M
 
 
+def _comfort(comfort: Comfort) -> list[Row]:
+    limits, group = ISO_LIMITS, Group.COMFORT
+    acceleration, jerk = "m/s²", "m/s³"
+    lateral, longitudinal = limits.lateral_acceleration_mps2, limits.longitudinal_acceleration_mps2
+    gap = f"{1e3 * REVERSAL_GAP_RAD:g} mrad"
+    return [
+        _within("Lateral acceleration, largest", comfort.lateral_acceleration_max_mps2, lateral, acceleration),
+        _within("Lateral jerk, largest 0.5 s mean", comfort.lateral_jerk_max_mps3, limits.lateral_jerk_mps3, jerk),
+        _within("Acceleration, largest", comfort.acceleration_max_mps2, longitudinal, acceleration),
+        _within("Braking, largest", comfort.braking_max_mps2, longitudinal, acceleration),
+        _within(
+            "Longitudinal jerk, largest 0.5 s mean",
+            comfort.longitudinal_jerk_max_mps3,
+            limits.longitudinal_jerk_mps3,
+            jerk,
+        ),
+        Row("Weighted acceleration x, RMS", _known(comfort.weighted_rms_x_mps2, 3, acceleration), group=group),
+        Row("Weighted acceleration y, RMS", _known(comfort.weighted_rms_y_mps2, 3, acceleration), group=group),
+        Row("Weighted acceleration, vector sum", _known(comfort.weighted_rms_mps2, 3, acceleration), group=group),
+        Row(f"Steering reversals over {gap}", ", ".join(map(str, comfort.steering_reversals)), group=group),
+        Row("Steering rate, RMS", _known(comfort.steering_rate_rms_radps, 4, "rad/s"), group=group),
+        Row("Energy driven at the wheels", _kilojoules(comfort.driven_energy_j), group=group),
+        Row("Energy braked at the wheels", _kilojoules(comfort.braked_energy_j), group=group),
+    ]
+
+
+def _within(name: str, values: Sequence[float | None], limit: float, unit: str) -> Row:
+    """Return the row of what has a limit of comfort."""
+    known = [value for value in values if value is not None]
+    met = all(value <= limit for value in known) if known else None
+    return Row(name, _known(values, 2, unit), f"at most {limit:g}\u00a0{unit}", met, Group.COMFORT)
+
+
+def _kilojoules(values: Sequence[float | None]) -> str:
+    return _known([None if value is None else 1e-3 * value for value in values], 1, "kJ")
+
+
+def _known(values: Sequence[float | None], digits: int, unit: str) -> str:
+    """Return values of the ground truth as text; empty if there is none."""
+    return _list(values, digits, unit, "–") if any(value is not None for value in values) else ""
+
+
 def _near(name: str, values: Sequence[float], goal: float, band: float, unit: str, digits: int) -> Row:
     met = all(abs(value - goal) <= band for value in values)
     return Row(name, _list(values, digits, unit), f"{goal:g}\u00a0±\u00a0{band:g}\u00a0{unit}", met)
@@ -146,12 +203,12 @@ def _below(name: str, values: Sequence[float], limit: float, unit: str, digits: 
 def _times(name: str, values: dict[str, float] | None, median: float, p99: float | None) -> Row:
     met = None if values is None else values["p50"] <= median and (p99 is None or values["p99"] <= p99)
     asked = f"at most {median:g}" + (f" / {p99:g} ms" if p99 is not None else " ms median")
-    return Row(name, median_and_p99(values), asked, met, of_machine=True)
+    return Row(name, median_and_p99(values), asked, met, Group.MACHINE)
 
 
-def _list(values: Sequence[float | None], digits: int, unit: str) -> str:
+def _list(values: Sequence[float | None], digits: int, unit: str, missing: str = NOT_SENT) -> str:
     # A value that rounds to zero is shown without a sign.
     if values and all(value is None for value in values):
-        return NOT_SENT
-    texts = [NOT_SENT if value is None else f"{round(value, digits) + 0.0:.{digits}f}" for value in values]
+        return missing
+    texts = [missing if value is None else f"{round(value, digits) + 0.0:.{digits}f}" for value in values]
     return f"{', '.join(texts)}\u00a0{unit}" if texts else ""

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from bench.analysis.comfort import Comfort
 from bench.analysis.metrics import Metrics
 from bench.analysis.page_data import PageData
+from bench.analysis.requirements import Group
 from bench.record.settings import MOST_SHOWN, NOTHING_DIFFERS, Settings, text_of
 
 B = "B/"
 """Prefix of the keys of B's columns."""
 
 Value = float | Sequence[float | None] | None
+
+
+def _of_comfort(values: Callable[[Comfort], Sequence[float | None]]) -> Callable[[Metrics], Value]:
+    """Return what takes values of comfort from the metrics, None if these have none."""
+    return lambda metrics: None if metrics.comfort is None else values(metrics.comfort)
+
 
 # For each numeric row of `requirements.table`: its values, and digits and unit of a difference.
 _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
@@ -26,9 +34,23 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Least margin to the stability boundary": (lambda m: m.boundary_margin_min, 3, ""),
     "Speed error, RMS": (lambda m: m.speed_rmse_mps, 4, "m/s"),
     "Yaw rate error, RMS": (lambda m: m.yaw_rate_rmse_radps, 5, "rad/s"),
+    "Lateral acceleration, largest": (_of_comfort(lambda c: c.lateral_acceleration_max_mps2), 2, "m/s²"),
+    "Lateral jerk, largest 0.5 s mean": (_of_comfort(lambda c: c.lateral_jerk_max_mps3), 2, "m/s³"),
+    "Acceleration, largest": (_of_comfort(lambda c: c.acceleration_max_mps2), 2, "m/s²"),
+    "Braking, largest": (_of_comfort(lambda c: c.braking_max_mps2), 2, "m/s²"),
+    "Longitudinal jerk, largest 0.5 s mean": (_of_comfort(lambda c: c.longitudinal_jerk_max_mps3), 2, "m/s³"),
+    "Weighted acceleration x, RMS": (_of_comfort(lambda c: c.weighted_rms_x_mps2), 3, "m/s²"),
+    "Weighted acceleration y, RMS": (_of_comfort(lambda c: c.weighted_rms_y_mps2), 3, "m/s²"),
+    "Weighted acceleration, vector sum": (_of_comfort(lambda c: c.weighted_rms_mps2), 3, "m/s²"),
+    "Steering reversals over 2 mrad": (_of_comfort(lambda c: c.steering_reversals), 0, ""),
+    "Steering rate, RMS": (_of_comfort(lambda c: c.steering_rate_rms_radps), 4, "rad/s"),
+    "Energy driven at the wheels": (_of_comfort(lambda c: _kilo(c.driven_energy_j)), 1, "kJ"),
+    "Energy braked at the wheels": (_of_comfort(lambda c: _kilo(c.braked_energy_j)), 1, "kJ"),
     "Solver, median / p99": (lambda m: _times(m.solver_ms), 2, "ms"),
     "Tracker step, median / p99": (lambda m: _times(m.tracker_ms), 2, "ms"),
     "Planner step, median / p99": (lambda m: _times(m.planner_ms), 2, "ms"),
+    "Steps limited by the clearance": (lambda m: m.clearance_steps, 0, ""),
+    "Steps with hard braking": (lambda m: m.hard_braking_steps, 0, ""),
     "Steps solved by the Riccati equation": (lambda m: m.riccati_steps, 0, ""),
     "Steps solved by the SDP": (lambda m: m.sdp_steps, 0, ""),
     "Steps with a fallback gain": (lambda m: m.fallback_steps, 0, ""),
@@ -119,16 +141,16 @@ def _lanes(a: list[tuple[float, bool]], b: list[tuple[float, bool]]) -> list[tup
 
 
 def _compared(a: list[list[Any]], b: list[list[Any]], metrics: tuple[Metrics, Metrics]) -> list[list[Any]]:
-    """Return rows: name, value of A and B, B − A, requirement of A and B, whether A and B meet it, `Row.of_machine`."""
+    """Return rows: name, value of A and B, B − A, requirement of A and B, whether A and B meet it, `Row.group`."""
     first, second = {row[0]: row for row in a}, {row[0]: row for row in b}
-    none = ["", "–", "", None, False]
+    none = ["", "–", "", None, ""]
     rows = []
     for name in dict.fromkeys([*first, *second]):
         of_a, of_b = first.get(name, none), second.get(name, none)
-        of_machine = of_a[4] or of_b[4]
-        values = [name, of_a[1], of_b[1], _difference(name, metrics), of_a[2], of_b[2], of_a[3], of_b[3], of_machine]
+        group = of_a[4] or of_b[4]
+        values = [name, of_a[1], of_b[1], _difference(name, metrics), of_a[2], of_b[2], of_a[3], of_b[3], group]
         rows.append(values)
-    return sorted(rows, key=lambda row: bool(row[8]))
+    return sorted(rows, key=lambda row: list(Group).index(row[8]))
 
 
 def _difference(name: str, metrics: tuple[Metrics, Metrics]) -> str:
@@ -149,6 +171,10 @@ def _difference(name: str, metrics: tuple[Metrics, Metrics]) -> str:
 
 def _listed(value: Value) -> list[float | None]:
     return list(value) if isinstance(value, Sequence) else [value]
+
+
+def _kilo(values: Sequence[float | None]) -> Sequence[float | None]:
+    return [None if value is None else 1e-3 * value for value in values]
 
 
 def _times(times: dict[str, float] | None) -> list[float | None]:

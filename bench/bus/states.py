@@ -80,3 +80,5 @@ class Manoeuvre(enum.IntEnum):
     """It opens the gap to a vehicle ahead that cannot be trusted."""
     SLOW_DOWN = 3
     """It slows down in its lane."""
+    APPROACH = 4
+    """It goes to its slot in its own lane, until the gap in the platoon's lane is open."""

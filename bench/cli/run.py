@@ -185,40 +185,74 @@ def scenarios(
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON schema of scenario files, for editors.")
     ] = False,
+    random: Annotated[
+        int | None,
+        typer.Option(
+            metavar="SEED",
+            min=0,
+            max=2**32 - 1,
+            help="Print the random scenario of this number, which is the same for ever.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
-    """List the shipped scenarios, or print one of them, the keys of scenarios, or their schema.
+    """List the shipped scenarios, or print one of them or a random one, the keys of scenarios, or their schema.
 
     Examples:
       platoon scenarios five > mine.toml
+      platoon scenarios --random 7 > mine.toml
       platoon scenarios --keys gap
       platoon scenarios --keys 'planner.*'
       platoon scenarios --schema > scenario.schema.json
     """
-    from bench.scenario import SCENARIO_DIR, load, shipped
-
-    if keys and schema:
-        raise BadInput("--keys and --schema: give one of them")
+    options = {"--keys": keys, "--schema": schema, "--random": random is not None}
+    given = [option for option, is_given in options.items() if is_given]
+    if len(given) > 1:
+        raise BadInput(f"{' and '.join(given)}: give one of them")
+    if random is not None and name is not None:
+        raise BadInput(f"--random {random} {name}: give a number or a name")
     if schema:
         from bench.scenario.keys import editor_schema_text
 
         if name is not None:
             raise BadInput(f"--schema {name}: it is the same for all scenarios; give no name")
         typer.echo(editor_schema_text(), nl=False)
-        return
-    if keys:
+    elif keys:
         from bench.cli.scenario_keys import described
 
         typer.echo(described(name))
-        return
-    if name is None:
-        names = shipped()
-        width = max(map(len, names))
-        for each in names:
-            typer.echo(f"{each:{width}}  {load(each).description}")
-        return
+    elif random is not None:
+        from bench.scenario.random_family import random_scenario
+
+        typer.echo(random_scenario(random), nl=False)
+    else:
+        typer.echo(_scenario_list() if name is None else _scenario_text(name), nl=False)
+
+
+def _scenario_list() -> str:
+    """Return a line for each shipped scenario, and one for the random ones."""
+    from bench.scenario import load, shipped
+    from bench.scenario.random_family import FAMILY
+
+    described = {name: load(name).description for name in shipped()} | FAMILY
+    width = max(map(len, described))
+    return "".join(f"{name:{width}}  {description}\n" for name, description in described.items())
+
+
+def _scenario_text(name: str) -> str:
+    """Return the TOML of a shipped or a random scenario.
+
+    Raises:
+        BadInput: there is no such scenario.
+    """
+    from bench.scenario import SCENARIO_DIR, shipped
+    from bench.scenario.random_family import is_random, number_in, random_scenario
+
+    if is_random(name):
+        return random_scenario(number_in(name))
     if name not in shipped():
         raise BadInput(f"No scenario {name!r}; shipped are {', '.join(shipped())}.")
-    typer.echo((SCENARIO_DIR / f"{name}.toml").read_text(encoding="utf-8"), nl=False)
+    return (SCENARIO_DIR / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def ecu(

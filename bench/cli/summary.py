@@ -4,7 +4,7 @@ rich is imported where it draws: without a terminal, a run starts before that.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -15,6 +15,7 @@ from bench.cli.output import message, one_line
 if TYPE_CHECKING:  # a run is to start before what its analysis needs is imported
     from rich.table import Table
 
+    from bench.analysis.comfort import Comfort
     from bench.analysis.metrics import Metrics
     from bench.analysis.timing import Timing
 
@@ -94,6 +95,9 @@ def show_metrics(metrics: "Metrics", label: str = "") -> None:
         console.print(label)
     console.print(_overall(metrics))
     console.print(_vehicles(metrics))
+    if metrics.comfort is not None:
+        console.print(_felt(metrics.comfort))
+        console.print(_steering_and_energy(metrics.comfort))
     if metrics.warnings.count:
         console.print(one_line(str(metrics.warnings)))
     if not metrics.complete:
@@ -132,6 +136,10 @@ def _overall(metrics: "Metrics") -> "Table":
         ("least clearance", _figure(metrics.least_clearance_m, "{:.2f} m")),
         ("final gaps", _figures(metrics.final_gaps_m, "{:.2f}", "m")),
         ("boundary margin, least", _figure(metrics.boundary_margin_min, "{:.3f}")),
+        (
+            "steps limited by clearance / of them hard braking",
+            f"{count_text(metrics.clearance_steps)} / {count_text(metrics.hard_braking_steps)}",
+        ),
         ("steps solved by Riccati / SDP", f"{count_text(metrics.riccati_steps)} / {count_text(metrics.sdp_steps)}"),
         ("fallback steps", count_text(metrics.fallback_steps)),
         ("frames lost", count_text(metrics.frames_lost)),
@@ -178,6 +186,69 @@ def _vehicles(metrics: "Metrics") -> "Table":
             NOT_SENT if speed_rmse is None else f"{speed_rmse:.4f}",
             NOT_SENT if yaw_rate_rmse is None else f"{yaw_rate_rmse:.5f}",
         )
+    return table
+
+
+def _felt(comfort: "Comfort") -> "Table":
+    """Return the table of what is felt in each vehicle, with the limits of comfort."""
+    from bench.control.comfort import ISO_LIMITS
+
+    lateral, longitudinal = ISO_LIMITS.lateral_acceleration_mps2, ISO_LIMITS.longitudinal_acceleration_mps2
+    columns: tuple[tuple[str, Sequence[float | None], float | None], ...] = (
+        ("lateral\nm/s²", comfort.lateral_acceleration_max_mps2, lateral),
+        ("lateral\njerk\nm/s³", comfort.lateral_jerk_max_mps3, ISO_LIMITS.lateral_jerk_mps3),
+        ("forward\nm/s²", comfort.acceleration_max_mps2, longitudinal),
+        ("braking\nm/s²", comfort.braking_max_mps2, longitudinal),
+        ("longitudinal\njerk\nm/s³", comfort.longitudinal_jerk_max_mps3, ISO_LIMITS.longitudinal_jerk_mps3),
+        ("ISO 2631-1\nRMS\nm/s²", comfort.weighted_rms_mps2, None),
+    )
+    rows = list(zip(*([_against(value, limit) for value in values] for _, values, limit in columns), strict=True))
+    above = any(text.endswith(_ABOVE) for row in rows for text in row)
+    limits = ("" if limit is None else f"{limit:g}  " for _, _, limit in columns)
+    table = _by_vehicle("largest", [heading for heading, _, _ in columns], rows)
+    table.add_section()
+    table.add_row("limit", *limits)
+    table.caption = f"{_ABOVE} above the limit of comfort; the run has not failed by that" if above else None
+    return table
+
+
+_ABOVE = "!"
+
+
+def _against(value: float | None, limit: float | None) -> str:
+    """Return a value as text, marked if it is above its limit of comfort."""
+    mark = "" if limit is None else f" {_ABOVE}" if value is not None and value > limit else "  "
+    return _figure(value, "{:.2f}") + mark
+
+
+def _steering_and_energy(comfort: "Comfort") -> "Table":
+    from bench.analysis.comfort import REVERSAL_GAP_RAD
+
+    headings = (
+        f"steering reversals\nover {1e3 * REVERSAL_GAP_RAD:g} mrad",
+        "steering rate\nRMS, rad/s",
+        "energy driven\nkJ",
+        "energy braked\nkJ",
+    )
+    columns = (
+        [str(count) for count in comfort.steering_reversals],
+        [_figure(value, "{:.4f}") for value in comfort.steering_rate_rms_radps],
+        [_figure(None if value is None else 1e-3 * value, "{:.1f}") for value in comfort.driven_energy_j],
+        [_figure(None if value is None else 1e-3 * value, "{:.1f}") for value in comfort.braked_energy_j],
+    )
+    return _by_vehicle("vehicle", headings, zip(*columns, strict=True))
+
+
+def _by_vehicle(corner: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> "Table":
+    """Return a table with a row of texts for each vehicle."""
+    from rich.table import Table
+
+    table = Table()
+    table.add_column(corner)
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for number, row in enumerate(rows, 1):
+        table.add_row(f"veh{number}", *row)
     return table
 
 

@@ -155,8 +155,7 @@ class Recorder:
             if (bus, can_id) in health_ids:
                 self._note_health(bus, can_id, data, time_ns)
             else:
-                change = self._states.change(bus, can_id, data)
-                if change:
+                for change in self._states.changes(bus, can_id, data):
                     self._writer.event(time_ns, change)
 
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:

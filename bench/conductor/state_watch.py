@@ -1,18 +1,20 @@
-"""Detects changes of state and cause of ECUs and actuators on the bus."""
+"""Detects changes of state and cause of ECUs and actuators on the bus, and where a planner brakes hard."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from bench.bus.codec import Codec, SignalBits
 from bench.bus.network import process_of
 from bench.bus.states import ActuatorState, Cause, EcuState
-from bench.events import CauseChange, StateChange
+from bench.control.outcome import Limit
+from bench.events import CauseChange, HardBraking, StateChange
 from bench.names import ACTUATORS, PLANT
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages with a state, and its signal."""
 
 _CAUSE = "Cause"
+_LIMIT = "Limit"
 _NORMAL: Mapping[str, tuple[int, ...]] = {
     "State": (EcuState.INIT, EcuState.RUN),
     "ActuatorState": (ActuatorState.INIT, ActuatorState.ACTIVE),
@@ -36,13 +38,14 @@ class _Field(NamedTuple):
 
 
 class _Watched(NamedTuple):
-    """A message with a state: source, length in bytes, the bits of all these, the state, and the cause of an ECU."""
+    """A message with a state: source, length in bytes, bits of all these, state, an ECU's cause, a planner's limit."""
 
     source: str
     length: int
     mask: int
     state: _Field
     cause: _Field | None
+    limit: _Field | None
 
 
 class StateWatch:
@@ -60,16 +63,27 @@ class StateWatch:
                 self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
         self._bits: dict[tuple[str, int], int] = {}
         self._last: dict[tuple[str, int], tuple[int, int]] = {}
+        self._hard: dict[tuple[str, int], bool] = {}
 
-    def change(self, bus: str, can_id: int, data: bytes) -> StateChange | CauseChange | None:
-        """Return the change of state or cause in a frame, None if there is none or its length is wrong."""
+    def changes(self, bus: str, can_id: int, data: bytes) -> Iterator[StateChange | CauseChange | HardBraking]:
+        """Yield what changes with a frame; nothing if its length is wrong."""
         place = self.watched[bus, can_id]
         if len(data) != place.length:
-            return None
+            return
         number = int.from_bytes(data, "little") & place.mask
         if number == self._bits.get((bus, can_id)):
-            return None
+            return
         self._bits[bus, can_id] = number
+        change = self._state_change(bus, can_id, number)
+        if change is not None:
+            yield change
+        hard = place.limit is not None and place.limit.value(number) == Limit.HARD_BRAKING
+        if hard != self._hard.get((bus, can_id), False):
+            self._hard[bus, can_id] = hard
+            yield HardBraking("info", place.source, hard)
+
+    def _state_change(self, bus: str, can_id: int, number: int) -> StateChange | CauseChange | None:
+        place = self.watched[bus, can_id]
         state = place.state.value(number)
         cause = place.cause.value(number) if place.cause else Cause.NONE
         normal = _NORMAL[place.state.bits.signal]
@@ -91,6 +105,6 @@ def _watched(bus: str, name: str, codec: Codec) -> _Watched:
     fields = {bits.signal: _Field(bits, message.signal(bits.signal).texts) for bits in codec.bits(name)}
     sender = process_of(bus, message.senders[0])
     source = f"{bus}.{ACTUATORS}" if sender == PLANT else sender
-    state, cause = fields[_STATES[name]], fields.get(_CAUSE)
-    mask = sum(each.bits.mask << each.bits.shift for each in (state, cause) if each)
-    return _Watched(source, message.length, mask, state, cause)
+    state, cause, limit = fields[_STATES[name]], fields.get(_CAUSE), fields.get(_LIMIT)
+    mask = sum(each.bits.mask << each.bits.shift for each in (state, cause, limit) if each)
+    return _Watched(source, message.length, mask, state, cause, limit)

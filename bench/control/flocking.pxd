@@ -19,6 +19,7 @@ cdef class Field:
 @cython.final
 cdef class Neighbours:
     cdef readonly int count
+    cdef public double weight
     cdef double[::1] X, Y, W_x, W_y
     cpdef void put(self, int place, double X, double Y, double W_x, double W_y) noexcept
     cpdef int within(self, double X, double Y, double reach) noexcept

@@ -79,10 +79,12 @@ class Neighbours:
 
     Attributes:
         count: number of them.
+        weight: how much they count, in [0, 1].
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
+        self.weight = 1.0
         # Not empty, so that an array of no vehicles has a buffer too.
         self.X = array("d", bytes(8 * count + 8))
         self.Y = array("d", bytes(8 * count + 8))
@@ -213,6 +215,7 @@ def acceleration(
             gains.values[GA],
             gains.values[GB],
             gains._offset,
+            neighbours.weight,
             field,
         )
         u_x += a_x
@@ -277,6 +280,7 @@ def accelerate(
                 agents.Ga[i],
                 agents.Gb[i],
                 agents.C[i],
+                neighbours.weight,
                 field,
             )
             agents.u_x[i] += a_x
@@ -311,6 +315,7 @@ def _interaction(
     Ga: cython.double,
     Gb: cython.double,
     c: cython.double,
+    weight: cython.double,
     field: Field,
 ) -> tuple[cython.double, cython.double]:
     """Return the acceleration due to a neighbour at a relative point (m) with a relative velocity (m/s), (10).
@@ -322,7 +327,7 @@ def _interaction(
     root: cython.double = sqrt(1.0 + field.eps * squared)
     z: cython.double = (root - 1.0) * field._per_eps
     near: cython.double = bump(z * field._per_reach_norm, field.flat)
-    near = near if squared < field.reach * field.reach else 0.0
+    near = weight * near if squared < field.reach * field.reach else 0.0
     force: cython.double = near * action(z - field._distance_norm, Ga, Gb, c) / root
     return force * x + near * w_x, force * y + near * w_y
 

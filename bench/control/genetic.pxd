@@ -9,7 +9,8 @@ cdef double MUTATED, BEYOND
 
 @cython.final
 cdef class Situation:
-    cdef readonly double X, Y, c, s, v, gamma, target_x, target_y, platoon_speed
+    cdef readonly double X, Y, c, s, v, gamma
+    cdef double[::1] targets
     cdef readonly Neighbours neighbours
 
 @cython.final
@@ -17,7 +18,7 @@ cdef class Rollout:
     cdef readonly Field field
     cdef readonly Boundaries limits
     cdef readonly double length, step_s
-    cdef readonly double position, velocity, speed, yaw, boundary
+    cdef readonly double position, velocity, speed, yaw, boundary, comfort
     cdef readonly int steps
 
 @cython.final

@@ -7,7 +7,8 @@ and positive yaw. Here |gamma| is used, and the reward for using the boundaries 
 so that the trade-off described in the paper is optimised: fast formation within the boundaries.
 """
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
 
 import cython
 
@@ -38,6 +39,13 @@ BEYOND = 2.0
 """How far a child can lie from the worse parent, in distances to the better one."""
 
 
+NOTICEABLE = 0.02
+"""Fraction by which a cost must fall for the gains to change."""
+
+UNNOTICED = 1e-4
+"""Difference of costs below which the gains do not change, however small the cost."""
+
+
 @cython.cclass
 class Situation:
     """A vehicle, its slot and the others at the start of an interval.
@@ -49,9 +57,8 @@ class Situation:
         s: its sine.
         v: reference speed (m/s).
         gamma: reference yaw rate (rad/s).
-        target_x: slot of this vehicle along the road (m); it moves at the platoon's speed.
-        target_y: its position to the left (m).
-        platoon_speed: m/s.
+        targets: the navigation target at each step of the horizon: point (m, m), velocity (m/s, m/s) and acceleration
+            (m/s^2, m/s^2), one after the other.
         neighbours: points and velocities of the others.
     """
 
@@ -63,8 +70,7 @@ class Situation:
         s: float,
         v: float,
         gamma: float,
-        target: tuple[float, float],
-        platoon_speed: float,
+        targets: Iterable[float],
         neighbours: Neighbours,
     ) -> None:
         self.X = X
@@ -73,8 +79,7 @@ class Situation:
         self.s = s
         self.v = v
         self.gamma = gamma
-        self.target_x, self.target_y = target
-        self.platoon_speed = platoon_speed
+        self.targets = array("d", targets)
         self.neighbours = neighbours
 
 
@@ -97,7 +102,7 @@ class Rollout:
         self.field = field
         self.limits = limits
         self.length = length
-        self.position, self.velocity, self.speed, self.yaw, self.boundary = weights
+        self.position, self.velocity, self.speed, self.yaw, self.boundary, self.comfort = weights
         self.steps = steps
         self.step_s = step_s
 
@@ -150,31 +155,37 @@ def _roll_out_lanes(agents: Agents, situation: Situation, model: Rollout) -> cyt
     # The Euler step of the yaw rate needs l > v T / 2; the long steps of the horizon are divided accordingly.
     parts: cython.int = cython.cast(cython.int, ceil(situation.v * model.step_s / model.length)) + 1
     for k in range(model.steps):
-        _advance(agents, k * model.step_s, parts, situation, model)
+        _advance(agents, k, parts, situation, model)
     for i in range(LANES):
         agents.cost[i] /= model.steps
 
 
 @cython.cfunc
 @cython.exceptval(check=False)
-def _advance(
-    agents: Agents, time_s: cython.double, parts: cython.int, situation: Situation, model: Rollout
-) -> cython.void:
-    """Roll out by one step of the horizon, which begins at `time_s`, and add its costs, (34)."""
+def _advance(agents: Agents, k: cython.int, parts: cython.int, situation: Situation, model: Rollout) -> cython.void:
+    """Roll out by step k of the horizon, and add its costs, (34)."""
     part_s: cython.double = model.step_s / parts
-    speed: cython.double = situation.platoon_speed
-    q_hat_x: cython.double = situation.target_x + speed * time_s + model.length
-    q_hat_y: cython.double = situation.target_y
+    q_hat_x: cython.double = situation.targets[6 * k]
+    q_hat_y: cython.double = situation.targets[6 * k + 1]
+    p_hat_x: cython.double = situation.targets[6 * k + 2]
+    p_hat_y: cython.double = situation.targets[6 * k + 3]
+    u_hat_x: cython.double = situation.targets[6 * k + 4]
+    u_hat_y: cython.double = situation.targets[6 * k + 5]
     i: cython.int
     locate(agents, model.length)
-    accelerate(agents, situation.neighbours, time_s, q_hat_x, q_hat_y, speed, 0.0, model.field)
+    accelerate(agents, situation.neighbours, k * model.step_s, q_hat_x, q_hat_y, p_hat_x, p_hat_y, model.field)
     for i in range(LANES):
         agents.v_before[i] = agents.v[i]
         e_x: cython.double = agents.q_x[i] - q_hat_x
         e_y: cython.double = agents.q_y[i] - q_hat_y
-        w_x: cython.double = agents.p_x[i] - speed
-        w_y: cython.double = agents.p_y[i]
+        w_x: cython.double = agents.p_x[i] - p_hat_x
+        w_y: cython.double = agents.p_y[i] - p_hat_y
+        u_x: cython.double = agents.u_x[i]
+        u_y: cython.double = agents.u_y[i]
         agents.cost[i] += model.position * (e_x * e_x + e_y * e_y) + model.velocity * (w_x * w_x + w_y * w_y)
+        agents.cost[i] += model.comfort * (u_x * u_x + u_y * u_y)
+        agents.u_x[i] = u_x + u_hat_x
+        agents.u_y[i] = u_y + u_hat_y
     for _ in range(parts):
         request(agents, model.length)
         for i in range(LANES):
@@ -244,6 +255,7 @@ def search(
             _draw(pool[i], breeding, random)
     parents: list[Candidate] = pool[:half]
     roll_out(parents, 0, situation, rollout)
+    at_start: cython.double = last.cost
     _sort(parents)
     pool[:half] = parents
     for _ in range(breeding.generations):
@@ -253,6 +265,8 @@ def search(
         roll_out(pool, half, situation, rollout)
         _sort(pool)
     best: Candidate = pool[0]
+    if best.cost > at_start * (1.0 - NOTICEABLE) - UNNOTICED:
+        return tuple(start), at_start
     return tuple(best.gains.values), best.cost
 
 

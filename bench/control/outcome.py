@@ -14,6 +14,10 @@ class Limit(enum.IntEnum):
     ACCELERATION = 2
     FRICTION_CIRCLE = 3
     SPEED = 4
+    CLEARANCE = 5
+    """The distance to a vehicle ahead; within the limits of comfort."""
+    HARD_BRAKING = 6
+    """The distance to a vehicle ahead, where comfortable braking does not keep it."""
 
 
 class SolverStatus(enum.IntEnum):

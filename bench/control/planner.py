@@ -7,8 +7,9 @@ starts where the centre of the slots is the centre of the vehicles, which minimi
 vehicle computes both from the same first broadcasts, with the same result.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from time import perf_counter
 from typing import NamedTuple
 
@@ -16,8 +17,12 @@ import cython
 
 from bench.control.boundaries import boundaries
 from bench.control.genetic import search
+from bench.control.navigation import MotionLimits
 from bench.control.outcome import Limit
+from bench.control.ramp import STEEPNESS
 from bench.control.random_numbers import mixed
+from bench.control.right_of_way import Place, RightOfWay
+from bench.control.separation import Separation
 from bench.control.settings import PlannerSettings, check_length, planning_cycles
 from bench.control.slow_down import slow_down
 from platoon_fmu.parameters import VehicleParameters
@@ -26,7 +31,9 @@ if cython.compiled:
     from cython.cimports.bench.control.boundaries import Boundaries, admissible, yaw_rate_max
     from cython.cimports.bench.control.flocking import Field, Gains, Neighbours, acceleration
     from cython.cimports.bench.control.genetic import Breeding, Rollout, Situation
+    from cython.cimports.bench.control.navigation import NavigationTarget
     from cython.cimports.bench.control.near_identity import input_rates, point, velocity
+    from cython.cimports.bench.control.ramp import Ramp
     from cython.cimports.libc.math import cos, sin
 else:
     from math import cos, sin
@@ -34,7 +41,9 @@ else:
     from bench.control.boundaries import Boundaries, admissible, yaw_rate_max
     from bench.control.flocking import Field, Gains, Neighbours, acceleration
     from bench.control.genetic import Breeding, Rollout, Situation
+    from bench.control.navigation import NavigationTarget
     from bench.control.near_identity import input_rates, point, velocity
+    from bench.control.ramp import Ramp
 
 _LIMITS = tuple(Limit)
 
@@ -44,6 +53,42 @@ does not follow; normal tracking errors are ten times smaller."""
 
 RESUMED_CYCLES = 5
 """Number of missed cycles after which a planner restarts from the own motion."""
+
+LEFT_M = (2.0, 1.0)
+"""Distance along and across the road (m, m) from its navigation target at which a vehicle gets a new one."""
+
+RESPONSE_S = 0.04
+"""Time (s) from another vehicle's braking to the own: a cycle each of broadcast, planner, tracker and actuators."""
+
+CLOSING_RATE = 1.0
+"""kappa (1/s): the rate at which the distance to a vehicle ahead may approach the least one."""
+
+CALM = 0.65
+"""kappa times the time in which the comfortable braking builds up, at most."""
+
+NOTICE_S = 0.2
+"""Time (s) until a vehicle that brakes is seen to brake."""
+
+ASIDE_M = 1.0
+"""Clearance (m) between the corridors of vehicles that are abreast in neighbouring lanes."""
+
+TARGET_SHARE = 0.88
+"""Fraction of the comfort limits for the navigation target; the flocking law and the tracker need the remainder."""
+
+REFERENCE_SHARE = 0.95
+"""Fraction of the accelerations of comfort for the reference; the tracker needs the remainder."""
+
+JERK_SHARE = 0.9
+"""Fraction of the jerks for both: a car that coasts has an acceleration before its first reference."""
+
+BOUNDARY_SHARE = 0.8
+"""Fraction of the yaw rate's boundary for the navigation target."""
+
+BRISK_JERK_MPS3 = 20.0
+"""Jerk (m/s^3) without comfort limits."""
+
+JOINING_S = 3.0
+"""Time (s) in which the others come to count in the flocking law after a lane change has begun."""
 
 REJOINED_M = 2.0
 """Distance (m) to its slot at which a vehicle has rejoined."""
@@ -132,6 +177,11 @@ def slot_order(starts: Sequence[tuple[float, float]]) -> list[int]:
     return slots
 
 
+def coasting(vehicle: VehicleParameters, v_x: float) -> float:
+    """Return the deceleration (m/s^2) of a vehicle that rolls freely, as before its first reference."""
+    return vehicle.mu_d * vehicle.g + vehicle.C_a * v_x * v_x / vehicle.M
+
+
 class Planner:
     """Plans one vehicle's speed and yaw-rate reference.
 
@@ -193,6 +243,35 @@ class Planner:
         self._leader_time = 0.0
         self._rejoining = False
         self._cycle: int | None = None
+        self._slots: Mapping[int, int] = {}
+        target, self._comfort = self._motion_limits(TARGET_SHARE), self._motion_limits(REFERENCE_SHARE)
+        self._navigation: NavigationTarget = NavigationTarget(target, step_s)
+        self._navigates = False
+        self._vehicle = vehicle
+        self._acceleration: Ramp = Ramp(self._comfort.longitudinal_jerk, step_s)
+        build_up_s = self._comfort.longitudinal / self._comfort.longitudinal_jerk
+        hardest = min(self._emergency_limits.acceleration_max, self._emergency_limits.share * self._limits.mu_g)
+        self._right_of_way = RightOfWay(
+            Separation(settings.clearance_m, RESPONSE_S, hardest, min(CLOSING_RATE, CALM / build_up_s), ASIDE_M),
+            goal.lane_y,
+            self._comfort.longitudinal,
+            NOTICE_S + 0.5 * build_up_s,
+            step_s,
+        )
+
+    def _motion_limits(self, share: float) -> MotionLimits:
+        """Return the limits of motions: a fraction of those for comfort, or the stability boundaries alone."""
+        comfort, boundaries = self.settings.comfort, self._limits
+        lateral = BOUNDARY_SHARE * boundaries.share * boundaries.lateral_max
+        longitudinal = boundaries.acceleration_max
+        if not comfort.enabled:
+            return MotionLimits(lateral, BRISK_JERK_MPS3, longitudinal, BRISK_JERK_MPS3)
+        return MotionLimits(
+            min(lateral, share * comfort.lateral_acceleration_mps2),
+            comfort.lateral_jerk_mps3,
+            min(longitudinal, share * comfort.longitudinal_acceleration_mps2),
+            JERK_SHARE * comfort.longitudinal_jerk_mps3,
+        )
 
     def _boundaries(self, vehicle: VehicleParameters, acceleration_max: float) -> Boundaries:
         settings = self.settings
@@ -218,11 +297,16 @@ class Planner:
         middle = sum(starts[n].X for n in numbers) / len(numbers)
         self._leader_start = middle + 0.5 * (len(numbers) - 1) * self._goal.gap
         self._leader_time = time_s
-        return {number: slot + 1 for number, slot in zip(numbers, slots, strict=True)}
+        self._slots = dict(zip(numbers, slots, strict=True))
+        return {number: slot + 1 for number, slot in self._slots.items()}
 
-    def join(self, slot: int, leader_x: float, time_s: float) -> None:
-        """Take a slot (from 1) in an existing platoon whose foremost slot is at `leader_x` (m) at `time_s`."""
+    def join(self, slot: int, leader_x: float, time_s: float, slots: Mapping[int, int] | None = None) -> None:
+        """Take a slot (from 1) in an existing platoon whose foremost slot is at `leader_x` (m) at `time_s`.
+
+        The others' slots (from 1), by number, are taken.
+        """
         self._slot = slot - 1
+        self._slots = {number: each - 1 for number, each in (slots or {}).items()} | {self._number: slot - 1}
         self._leader_start, self._leader_time = leader_x, time_s
         self._rejoining = True
 
@@ -245,6 +329,8 @@ class Planner:
         """Run one cycle of leaving the platoon: slow down in the lane."""
         v, gamma = self._resumed(cycle, v_x, own.yaw_rate)
         self._rejoining = self._slot is not None
+        self._navigates = False
+        self._navigation.changing = False
         v, gamma = slow_down(
             v, gamma, own.course, self.settings.slow_down_mps2, self.settings.speed_min_mps, self._step_s
         )
@@ -260,6 +346,7 @@ class Planner:
         peers: Mapping[int, Motion],
         braking: float | None = None,
         make_way_x: float | None = None,
+        staying: Collection[int] = (),
     ) -> PlannerOutput:
         """Run one cycle: optimise at the start of an interval, then advance the reference by (15).
 
@@ -271,6 +358,7 @@ class Planner:
             peers: the others' motion now, by number.
             braking: braking (m/s^2) to fall back from an untrusted vehicle ahead; None to keep the slot.
             make_way_x: minimum X (m) to keep clear of a vehicle approaching from behind; None for no minimum.
+            staying: numbers of the others that stay in their own lanes for now.
         """
         v: cython.double
         gamma: cython.double
@@ -285,36 +373,108 @@ class Planner:
         c: cython.double = cos(own.course)
         s: cython.double = sin(own.course)
         length: cython.double = self._length
-        neighbours: Neighbours = self._neighbours(peers)
-        optimise_s = 0.0
-        if cycle % self._interval == 0 and braking is None:
-            begin = perf_counter()
-            situation = Situation(X, Y, c, s, v, gamma, target, self._goal.speed, neighbours)
-            self._optimise(cycle // self._interval, situation)
-            optimise_s = perf_counter() - begin
-
         q_x: cython.double
         q_y: cython.double
         p_x: cython.double
         p_y: cython.double
+        q_x, q_y = point(X, Y, c, s, length)
+        p_x, p_y = velocity(c, s, v, gamma, length)
+
+        place = Place(X, Y, own.speed * c)
+        self._right_of_way.hear({n: Place(m.X, m.Y, m.speed * cos(m.course)) for n, m in peers.items()}, staying)
+        navigation: NavigationTarget = self._navigation
+        self._navigate(q_x, q_y, p_x, p_y, place)
+        most: cython.double = self._right_of_way.most(place, changing=navigation.changing)
+        if braking is None:
+            navigation.advance(target[0] + length, self._goal.speed, most)
+        else:
+            most = min(most, -braking)
+            navigation.fall_back(q_x, p_x, most)
+
+        neighbours: Neighbours = self._neighbours(peers)
+        neighbours.weight = min(navigation.changing_s / JOINING_S, 1.0)
+        optimise_s = 0.0
+        if cycle % self._interval == 0 and braking is None:
+            begin = perf_counter()
+            horizon = [navigation.ahead(k * self._rollout.step_s) for k in range(self._rollout.steps)]
+            situation = Situation(X, Y, c, s, v, gamma, chain.from_iterable(horizon), neighbours)
+            self._optimise(cycle // self._interval, situation)
+            optimise_s = perf_counter() - begin
+
         u_x: cython.double
         u_y: cython.double
         v_rate: cython.double
         gamma_rate: cython.double
         field: Field = self._field
-        q_x, q_y = point(X, Y, c, s, length)
-        p_x, p_y = velocity(c, s, v, gamma, length)
         u_x, u_y = acceleration(
-            q_x, q_y, p_x, p_y, neighbours, target[0] + length, target[1], self._goal.speed, 0.0, self._law, field
+            q_x,
+            q_y,
+            p_x,
+            p_y,
+            neighbours,
+            navigation.x,
+            navigation.y,
+            navigation.v_x,
+            navigation.v_y,
+            self._law,
+            field,
         )
-        v_rate, gamma_rate = input_rates(c, s, v, gamma, length, u_x, u_y)
-        limits: Boundaries = self._limits
-        if braking is not None:
-            v_rate, limits = -braking, self._emergency_limits
-        v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
+        v_rate, gamma_rate = input_rates(c, s, v, gamma, length, u_x + navigation.a_x, u_y + navigation.a_y)
+        bound: cython.int
+        v, gamma, bound = self._limited(v, gamma, v_rate, gamma_rate, most)
         self._reference = (v, gamma)
         near = neighbours.within(q_x, q_y, field.reach)
         return self._output(v, gamma, _LIMITS[bound], target, near, leader_x, optimise_s)
+
+    def _navigate(self, q_x: float, q_y: float, p_x: float, p_y: float, own: Place) -> None:
+        """Give the vehicle a navigation target where it has none or has left it, and begin the lane change."""
+        navigation: NavigationTarget = self._navigation
+        left = abs(navigation.x - q_x) > LEFT_M[0] or abs(navigation.y - q_y) > LEFT_M[1]
+        if left or not self._navigates:
+            changing = navigation.changing and self._navigates
+            navigation.start(q_x, q_y, p_x, p_y, self._acceleration.value)
+            self._navigates = True
+            if changing:
+                navigation.change_to(self._goal.lane_y)
+        ahead = [number for number, slot in self._slots.items() if slot <= (self._slot or 0)]
+        if not navigation.changing and self._right_of_way.may_change(own, navigation.a_x, ahead):
+            navigation.change_to(self._goal.lane_y)
+
+    def _limited(
+        self, v: float, gamma: float, v_rate: float, gamma_rate: float, most: float
+    ) -> tuple[float, float, int]:
+        """Return the next reference (m/s, rad/s) within all limits, and the number of the decisive `Limit`.
+
+        Args:
+            v: this cycle's reference speed, m/s.
+            gamma: this cycle's reference yaw rate, rad/s.
+            v_rate: requested dv/dt, m/s^2.
+            gamma_rate: requested dgamma/dt, rad/s^2.
+            most: largest acceleration that keeps clear of others, m/s^2.
+        """
+        comfort = self._comfort
+        limits: Boundaries = self._limits
+        held = most < v_rate
+        hard = most < -comfort.longitudinal
+        if hard:
+            v_rate, limits = most, self._emergency_limits
+            self._acceleration.put(v_rate)
+        else:
+            v_rate = min(max(min(v_rate, most), -comfort.longitudinal), comfort.longitudinal)
+            v_rate = self._acceleration.towards(v_rate)
+        swing = STEEPNESS * comfort.lateral_jerk / v
+        largest = comfort.lateral / v
+        gamma_rate = min(max(gamma_rate, -swing), swing)
+        gamma_rate = min(max(gamma_rate, (-largest - gamma) / self._step_s), (largest - gamma) / self._step_s)
+        v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
+        if held and (bound == Limit.NONE or bound == Limit.ACCELERATION):
+            bound = Limit.HARD_BRAKING if hard else Limit.CLEARANCE
+        return v, gamma, bound
+
+    @property
+    def changing(self) -> bool:
+        """Whether the vehicle is on its way to the platoon's lane, or there; before, it stays in its own lane."""
+        return bool(self._navigation.changing)
 
     def _resumed(self, cycle: int, v_x: float, yaw_rate: float) -> tuple[float, float]:
         """Return the reference to continue from: the last one if it was followed, otherwise the own motion."""
@@ -322,6 +482,7 @@ class Planner:
         lowest, highest = self._limits.speed_min, self._limits.speed_max
         if self._reference is None:
             self._reference = (min(max(v_x, lowest), highest), 0.0)
+            self._acceleration.reset(-coasting(self._vehicle, v_x))
         elif expected is not None and cycle - expected >= RESUMED_CYCLES:
             self._reference = (min(max(v_x, lowest), highest), yaw_rate)
         v, gamma = self._reference

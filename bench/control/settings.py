@@ -10,6 +10,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from numpy.typing import NDArray
 
+from bench.control.comfort import ComfortLimits
 from platoon_fmu.parameters import VehicleParameters
 
 Vector = NDArray[np.float64]
@@ -30,6 +31,7 @@ class CostWeights(NamedTuple):
     speed: float
     yaw: float
     boundary: float
+    comfort: float
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ class GeneticSettings:
         speed_weight: P_1, cost of not using the reachable speed change (s^2/m^2).
         yaw_weight: Q_2, cost of not using the allowed yaw rate (s^2/rad^2).
         boundary_weight: cost of requesting a yaw rate above the limit (s^2/rad^2).
+        comfort_weight: cost of accelerating beside the navigation target (s^4/m^2).
     """
 
     population: Annotated[int, Ge(4), Le(200)] = 8
@@ -71,6 +74,7 @@ class GeneticSettings:
     speed_weight: Weight = 0.02
     yaw_weight: Weight = 0.5
     boundary_weight: Weight = 20.0
+    comfort_weight: Weight = 0.05
 
     def __post_init__(self) -> None:
         """Check the bounds.
@@ -113,12 +117,14 @@ class PlannerSettings:
         yaw_acceleration_max_radps2: largest commanded change of the yaw rate.
         speed_min_mps: lowest commanded speed.
         speed_max_mps: highest commanded speed.
+        clearance_m: least distance between bodies that the planner keeps, more than is required of a run.
         slow_down_mps2: braking of a vehicle that leaves the platoon and slows down in its lane.
-        emergency_braking_mps2: largest braking to keep clear of an untrusted vehicle ahead.
+        emergency_braking_mps2: largest braking to keep clear of a vehicle ahead.
         rejoin_error_m: limit of the position error that a rejoining vehicle acts on, so that it approaches slowly.
         sigma_eps: eps of the sigma-norm.
         reach_factor: r / d, range of the interaction with neighbours, in gaps.
         bump_flat: G_h of the bump function.
+        comfort: limits of the references; they give way where clearance or a stability boundary asks for more.
         genetic: settings of the search.
     """
 
@@ -131,12 +137,14 @@ class PlannerSettings:
     yaw_acceleration_max_radps2: Annotated[float, Ge(0.01), Le(20)] = 1.5
     speed_min_mps: Annotated[float, Ge(1), Le(60)] = 5.0
     speed_max_mps: Annotated[float, Ge(1), Le(60)] = 45.0
+    clearance_m: Annotated[float, Ge(0.3), Le(10)] = 1.2
     slow_down_mps2: Annotated[float, Ge(0.1), Le(5)] = 1.5
     emergency_braking_mps2: Annotated[float, Ge(0.1), Le(10)] = 5.0
     rejoin_error_m: Annotated[float, Ge(0.5), Le(100)] = 6.0
     sigma_eps: Annotated[float, Ge(1e-3), Le(10)] = 0.1
     reach_factor: Annotated[float, Gt(1), Le(5)] = 1.2
     bump_flat: Annotated[float, Gt(0), Lt(1)] = 0.2
+    comfort: ComfortLimits = field(default_factory=ComfortLimits)
     genetic: GeneticSettings = field(default_factory=GeneticSettings)
 
 

@@ -33,6 +33,7 @@ LANE_M = 3.5
 """Two vehicles with a smaller lateral distance (m) can collide."""
 
 _UNTRUSTED = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE, Cause.PEER_UNSAFE)
+_STAYING = (Manoeuvre.NONE, Manoeuvre.APPROACH, Manoeuvre.SLOW_DOWN)
 _UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
 
 
@@ -146,7 +147,7 @@ class PlannerEcu:
             # If others are missing too, the rearmost free slot has the most of them ahead.
             slot = max(free, default=len(self._grid))
             self._slots = taken | {self._vehicle: slot}
-            self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s)
+            self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s, taken)
             return
         starts: dict[int, Motion] | None = None
         started_s = time_s
@@ -172,8 +173,10 @@ class PlannerEcu:
         else:
             braking = self._braking(own)
             way = self._make_way_x(own)
-            self._last = self._planner.step(cycle, time_s, own, v_x, self._neighbours(), braking, way)
-            manoeuvre = Manoeuvre.PLATOON if braking is None else Manoeuvre.FALL_BACK
+            self._last = self._planner.step(cycle, time_s, own, v_x, self._neighbours(), braking, way, self._staying())
+            manoeuvre = Manoeuvre.PLATOON if self._planner.changing else Manoeuvre.APPROACH
+            if braking is not None:
+                manoeuvre = Manoeuvre.FALL_BACK
         self._following.ask(self._last.v_x, self._last.yaw_rate)
         self._optimise_s = self._last.optimise_s
         return manoeuvre if self._planner.assigned else Manoeuvre.NONE
@@ -187,6 +190,14 @@ class PlannerEcu:
             number: peer.motion
             for number, peer in self._peers.items()
             if peer.motion is not None and not (peer.cause in _UNKNOWN and self._is_ahead(number))
+        }
+
+    def _staying(self) -> set[int]:
+        """Return the numbers of the vehicles that have reported that they stay in their own lanes for now."""
+        return {
+            number
+            for number, peer in self._peers.items()
+            if peer.report is not None and peer.report.manoeuvre in _STAYING
         }
 
     def _is_ahead(self, number: int) -> bool:

@@ -11,7 +11,7 @@ import math
 from typing import Annotated, ClassVar, Literal, Self
 
 import tomli_w
-from pydantic import BaseModel, Field, model_validator, with_config
+from pydantic import BaseModel, Field, ValidationInfo, model_validator, with_config
 from pydantic_core import PydanticCustomError
 
 from bench.control.settings import (
@@ -26,10 +26,13 @@ from bench.cycle import CYCLE_S
 from bench.errors import BadInput
 from bench.faults.kinds import AnyFault
 from bench.faults.profile import STRICT, Profile, Within, constant
-from platoon_fmu.parameters import LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
+from platoon_fmu.parameters import BODY, LAMBDA_MAX, LAMBDA_MIN, VehicleParameters
 
-LEAST_START_DISTANCE_M = 4.0
-"""Minimum initial distance between centres of mass (m): the length of a car."""
+LEAST_START_CLEARANCE_M = 0.3
+"""Minimum initial distance between the bodies of two vehicles (m)."""
+
+_SURELY_CLEAR_M = math.hypot(BODY.length, BODY.width) + LEAST_START_CLEARANCE_M
+"""Distance between centres of mass (m) from which bodies are clear of each other in whatever direction they point."""
 
 MOST_VEHICLES = 16
 MOST_FAULTS = 1000
@@ -37,6 +40,9 @@ MOST_FAULTS = 1000
 
 LONGEST_DESCRIPTION = 4000
 """Limit on characters of a scenario's description: two pages of text."""
+
+FROM_LOG = {"from": "log"}
+"""Validation context of the scenario of a run that has been made."""
 
 Problem = tuple[tuple[str | int, ...], str]
 """The path of a key, and the error in its value."""
@@ -191,10 +197,11 @@ class Scenario(BaseModel):
         return tomli_w.dumps(self.model_dump(exclude_none=True))
 
     @model_validator(mode="after")
-    def _check_together(self) -> Self:
+    def _check_together(self, info: ValidationInfo) -> Self:
         problems = [
             *self._duration_problems(),
-            *self._place_problems(),
+            # Earlier versions let vehicles start nearer to each other, and their logs are still read.
+            *([] if info.context is FROM_LOG else self._place_problems()),
             *self._planner_problems(),
             *self._fault_problems(),
             *self._bus_problems(),
@@ -210,15 +217,22 @@ class Scenario(BaseModel):
         return [(("duration_s",), text)]
 
     def _place_problems(self) -> list[Problem]:
+        near = [
+            ((i, one), (j, other))
+            for (i, one), (j, other) in itertools.combinations(enumerate(self.vehicles), 2)
+            if math.hypot(one.x_m - other.x_m, one.y_m - other.y_m) < _SURELY_CLEAR_M
+        ]
+        if not near:
+            return []
+        # Only vehicles this near need numpy, which is slow to import.
+        from bench.bodies import clearance_of
+
         problems: list[Problem] = []
-        for (i, a), (j, b) in itertools.combinations(enumerate(self.vehicles), 2):
-            distance = math.hypot(a.x_m - b.x_m, a.y_m - b.y_m)
-            if distance < LEAST_START_DISTANCE_M:
-                text = (
-                    f"(vehicle {j + 1}) starts {distance:.2f} m from vehicle {i + 1};"
-                    f" allowed: at least {LEAST_START_DISTANCE_M:g} m between centres"
-                )
-                problems.append((("vehicles", j), text))
+        for (i, one), (j, other) in near:
+            found = clearance_of((one.x_m, one.y_m, one.yaw_rad), (other.x_m, other.y_m, other.yaw_rad))
+            # A clearance of 0.3 m that the positions miss by rounding is one.
+            if found < LEAST_START_CLEARANCE_M - 1e-6:
+                problems.append((("vehicles", j), _too_near(j + 1, i + 1, found)))
         return problems
 
     def _fault_problems(self) -> list[Problem]:
@@ -274,3 +288,14 @@ class Scenario(BaseModel):
         except ValueError as error:
             problems.append((("planner", "planning_interval_s"), f"is not allowed: {error}"))
         return problems
+
+
+def _too_near(vehicle: int, other: int, clearance: float) -> str:
+    """Return what is wrong with the start of two vehicles whose bodies have too small a clearance (m)."""
+    where = f"{clearance:.2f} m from" if clearance > 0.0 else f"{-clearance:.2f} m inside"
+    further = math.ceil(100.0 * (LEAST_START_CLEARANCE_M - clearance) - 1e-6) / 100.0
+    return (
+        f"(vehicle {vehicle}) starts {where} the body of vehicle {other} (bodies are {BODY.length:g} m by"
+        f" {BODY.width:g} m); allowed: at least {LEAST_START_CLEARANCE_M:g} m between bodies; move it by"
+        f" {further:.2f} m or more, with x_m or y_m"
+    )

@@ -13,7 +13,11 @@ from bench.cycle import CYCLE_S
 from bench.record import Run, RunWriter
 from bench.scenario import load
 
-TRUTH_NAMES = ("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "mu")
+WHEELS = ("fl", "rl", "rr", "fr")
+TRUTH_NAMES = (
+    *("X", "Y", "psi", "phi", "v_x", "v_y", "gamma", "mu", "a_x", "a_y", "steering_angle"),
+    *(f"{name}_{wheel}" for name in ("omega", "wheel_torque") for wheel in WHEELS),
+)
 LANE_Y, SPEED, GAP = 7.0, 20.0, 10.0
 
 
@@ -29,6 +33,8 @@ class Motions:
     v_x: np.ndarray = field(init=False)
     gamma: np.ndarray = field(init=False)
     mu: np.ndarray = field(init=False)
+    # More of the ground truth that is not 0: name -> (N, n).
+    more: dict = field(default_factory=dict)
     # Values of messages that are not the start values: (vehicle, message) -> signal -> (n,).
     signals: dict = field(default_factory=dict)
     # (vehicle, message) that are never sent.
@@ -58,14 +64,14 @@ def scenario_of(vehicles, seconds):
     return base.model_copy(update={"vehicles": tuple(starts), "duration_s": seconds, "name": "made-up"})
 
 
-def write(path, motions, result=None):
+def write(path, motions, result=None, truth_names=TRUTH_NAMES):
     """Write the log of made-up motion; messages without values of their own carry their start values."""
     codecs = load_codecs(motions.vehicles)
     scenario = scenario_of(motions.vehicles, motions.cycles * CYCLE_S)
     writer = RunWriter(
         path,
         codecs=codecs,
-        truth_names=TRUTH_NAMES,
+        truth_names=truth_names,
         vehicles=motions.vehicles,
         metadata={"scenario": scenario.name, "seed": "1"},
         attachments={"scenario.toml": scenario.toml().encode()},
@@ -83,8 +89,9 @@ def write(path, motions, result=None):
                 own = motions.signals.get((vehicle, name), {})
                 values = codec.start_values(name) | {signal: value[cycle] for signal, value in own.items()}
                 writer.frame(bus, time_ns, *codec.encode(name, values, cycle), 0)
-            known = {name: getattr(motions, name)[vehicle - 1][cycle] for name in TRUTH_NAMES if hasattr(motions, name)}
-            writer.truth(vehicle, time_ns, [float(known.get(name, 0.0)) for name in TRUTH_NAMES])
+            rows = {name: getattr(motions, name) for name in TRUTH_NAMES if hasattr(motions, name)} | motions.more
+            known = {name: values[vehicle - 1][cycle] for name, values in rows.items()}
+            writer.truth(vehicle, time_ns, [float(known.get(name, 0.0)) for name in truth_names])
     for time_s, event in motions.events:
         writer.event(round(time_s * 1e9), event)
     ended = {"status": "completed", "cycles": str(motions.cycles), "wall_s": "0.5"}

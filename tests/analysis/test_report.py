@@ -33,6 +33,7 @@ PAPER = {
     "fig13": "Yaw rate over speed, vehicle 3",
 }
 MORE = {
+    *("ay", "jerky", "ax", "jerkx"),
     *("distances", "clearances", "lateral", "margin", "steering", "torque1", "torque2", "torque3"),
     *("disturbancex", "disturbancey", "disturbanceyaw", "flockGa", "flockP11", "flockP21"),
     *(
@@ -379,7 +380,7 @@ def test_data_of_a_run_that_goes_on_needs_no_more_than_the_beginning_of_its_log(
     assert data["pool"]["t"] == []
     whole = page_data(formation)
     figures = {figure["id"] for figure in data["figures"]}
-    assert {figure["id"] for figure in whole["figures"]} - figures == {"busload", "histogram"}
+    assert {figure["id"] for figure in whole["figures"]} - figures == {"busload", "histogram", "jerkx", "jerky"}
     assert data.keys() == whole.keys()
 
 

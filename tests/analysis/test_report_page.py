@@ -343,7 +343,7 @@ def test_what_depends_on_the_machine_is_no_verdict_beside_what_does_not(open_pag
     slow = run_of(motions)
     for page in (render(slow), render_both(slow, slow)):
         tab = open_page(page)
-        run, machine = tab.locator("#tables > table").all()
+        run, _, machine = tab.locator("#tables > table").all()
         assert machine.locator("thead").inner_text().startswith("On this machine")
         rows = machine.locator("tbody tr").all_inner_texts()
         names = ["Solver, median / p99", "Tracker step, median / p99", "Planner step, median / p99", "Real-time factor"]
@@ -353,6 +353,25 @@ def test_what_depends_on_the_machine_is_no_verdict_beside_what_does_not(open_pag
         assert machine.locator(".bad, .good").count() == 0
         assert run.locator(".good").count() > 5
         assert tab.locator("#verdicts p.bad").count() == 0
+
+
+def test_a_limit_of_comfort_that_is_exceeded_is_no_verdict(open_page, run_of):
+    motions = Motions(2, 100)
+    motions.more["a_y"] = np.array([[1.0], [-3.5]]) * np.ones(100)
+    hard = run_of(motions)
+    for page in (render(hard), render_both(hard, hard)):
+        tab = open_page(page)
+        comfort = tab.locator("#tables > table").all()[1]
+        head = comfort.locator("thead").inner_text()
+        assert head.startswith("Comfort")
+        assert "Limit" in head
+        lateral = comfort.locator("tbody tr").first.inner_text()
+        assert lateral.startswith("Lateral acceleration, largest")
+        assert "1.00, 3.50" in lateral
+        assert "○" in lateral
+        assert comfort.locator(".bad, .good").count() == 0
+        assert tab.locator("#verdicts p.bad").count() == 0
+        assert tab.locator("#ay path.curve").count() >= 2
 
 
 def test_what_was_not_sent_is_said(open_page, run_of):

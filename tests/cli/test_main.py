@@ -17,6 +17,7 @@ import pytest
 
 from bench.cli.main import main
 from bench.faults.kinds import kinds
+from bench.record import Run
 from bench.scenario import load, shipped
 
 ROOT = Path(__file__).parents[2]
@@ -104,7 +105,10 @@ def test_it_tells_the_projects_version(tmp_path):
             "platoon.gap_m = -10.0 is not allowed; allowed: a finite number from 5 to 100",
         ),
         (["--set", "platoon.gapm=9"], "did you mean platoon.gap_m?"),
-        (["--set", "vehicles.1.x_m=8.0", "--set", "vehicles.1.y_m=0.0"], "(vehicle 2) starts 0.00 m from vehicle 1"),
+        (
+            ["--set", "vehicles.1.x_m=8.0", "--set", "vehicles.1.y_m=0.0"],
+            "(vehicle 2) starts 1.80 m inside the body of vehicle 1",
+        ),
         (["--set", "planner.near_identity_length_m=0.1"], "planner.near_identity_length_m is not allowed"),
         (["--set", "nonsense"], "--set nonsense: expected KEY=VALUE"),
         (["--seed", "-1"], "seed = -1 is not allowed"),
@@ -308,6 +312,22 @@ def test_scenarios_lists_and_prints_the_shipped_ones(tmp_path, refused):
     (tmp_path / "mine.toml").write_text(platoon("scenarios", "five", cwd=tmp_path).stdout)
     assert load(tmp_path / "mine.toml").vehicles == load("five").vehicles
     assert "shipped are" in refused("scenarios", "six", cwd=tmp_path)
+
+
+def test_a_random_scenario_is_printed_and_run_by_its_number(tmp_path, refused):
+    assert "random:SEED " in platoon("scenarios", cwd=tmp_path).stdout
+    printed = platoon("scenarios", "--random", "7", cwd=tmp_path).stdout
+    assert platoon("scenarios", "random:7", cwd=tmp_path).stdout == printed
+    (tmp_path / "mine.toml").write_text(printed)
+    assert load(tmp_path / "mine.toml") == load("random:7")
+    short = ["--can", "direct", "--set", "duration_s=0.5", "--no-report", "--out", "run.mcap"]
+    done = platoon("run", "random:7", *short, cwd=tmp_path)
+    assert "random-7 did not form a platoon in 0.5 s" in done.stderr
+    assert Run(tmp_path / "run.mcap").scenario == load("random:7", ["duration_s=0.5"])
+    assert "--schema and --random: give one of them" in refused("scenarios", "--schema", "--random", "7", cwd=tmp_path)
+    assert "give a number or a name" in refused("scenarios", "five", "--random", "7", cwd=tmp_path)
+    assert "allowed: random:0 to random:4294967295" in refused("run", "random:x", cwd=tmp_path)
+    assert "-1" in refused("scenarios", "--random", "-1", cwd=tmp_path)
 
 
 def test_fmu_is_built_checked_and_described(tmp_path, refused):

@@ -106,7 +106,11 @@ def test_a_pipe_is_made_larger() -> None:
 
 
 def test_a_process_that_has_ended_takes_nothing_even_while_its_parent_has_not_waited_for_it() -> None:
-    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
+    child = subprocess.Popen(
+        [sys.executable, "-c", "print(flush=True); input()"], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdout is not None
+    child.stdout.readline()
     has = taken(child.pid)
     assert has is not None
     assert has.memory > 1_000_000

@@ -5,14 +5,17 @@ import pytest
 from bench.bus.codec import load_codecs
 from bench.bus.states import Cause, EcuState
 from bench.conductor.state_watch import StateWatch
-from bench.events import CauseChange, StateChange
+from bench.control.outcome import Limit
+from bench.events import CauseChange, HardBraking, StateChange
 
 CODECS = load_codecs(1)
 
 
-def shown(watch: StateWatch, message: str, **signals: float) -> StateChange | CauseChange | None:
+def shown(watch: StateWatch, message: str, **signals: float) -> StateChange | CauseChange | HardBraking | None:
     codec = CODECS["veh1"]
-    return watch.change("veh1", *codec.encode(message, {**codec.start_values(message), **signals}))
+    found = list(watch.changes("veh1", *codec.encode(message, {**codec.start_values(message), **signals})))
+    assert len(found) <= 1
+    return found[0] if found else None
 
 
 def test_each_change_is_told_once_with_its_cause() -> None:
@@ -64,4 +67,20 @@ def test_senders_are_told_apart() -> None:
 def test_a_frame_of_wrong_length_shows_nothing(length: int) -> None:
     watch = StateWatch(CODECS)
     for bus, can_id in watch.watched:
-        assert watch.change(bus, can_id, b"\xff" * length) is None
+        assert not list(watch.changes(bus, can_id, b"\xff" * length))
+
+
+def test_braking_harder_than_is_comfortable_is_told_when_it_begins_and_ends() -> None:
+    watch = StateWatch(CODECS)
+    assert shown(watch, "PlannerStatus", Limit=Limit.CLEARANCE) is None
+    begins = shown(watch, "PlannerStatus", Limit=Limit.HARD_BRAKING)
+    assert begins == HardBraking("info", "veh1.planner", True)
+    assert begins.fields == {"vehicle": 1, "ecu": "veh1.planner", "begins": True}
+    assert shown(watch, "PlannerStatus", Limit=Limit.HARD_BRAKING, Slot=2) is None
+    ends = shown(watch, "PlannerStatus", Limit=Limit.NONE)
+    assert ends == HardBraking("info", "veh1.planner", False)
+    assert ends.text == "brakes comfortably again"
+    codec = CODECS["veh1"]
+    values = {**codec.start_values("PlannerStatus"), "State": EcuState.RUN, "Limit": Limit.HARD_BRAKING}
+    both = list(watch.changes("veh1", *codec.encode("PlannerStatus", values)))
+    assert [each.kind for each in both] == ["state_change", "hard_braking"]

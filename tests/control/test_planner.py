@@ -245,17 +245,19 @@ def test_references_stay_inside_the_boundaries_whatever_is_heard(heard: list[Mot
         gamma_max = 0.85 * chosen.adhesion * 9.8 / out.v_x
         assert abs(out.yaw_rate) <= chosen.boundary_share * gamma_max * (1 + 1e-9)
         assert out.margin == pytest.approx(1 - abs(out.yaw_rate) / gamma_max)
-        assert abs(out.v_x - v) <= chosen.acceleration_max_mps2 * T + 1e-12
+        # Some of these are on a collision course.
+        most = chosen.emergency_braking_mps2 if out.v_x < v else chosen.acceleration_max_mps2
+        assert abs(out.v_x - v) <= most * T + 1e-12
         assert math.hypot((out.v_x - v) / T, out.v_x * out.yaw_rate) <= grip * (1 + 1e-9)
         v = out.v_x
 
 
 def test_gains_are_searched_at_every_planning_interval_and_held_between() -> None:
     formed = Formation(STARTS)
-    formed.run(0.2)
+    formed.run(2.0)
     searched = [out[1].optimise_s > 0.0 for out in formed.outputs]
-    assert searched == [k % 5 == 0 for k in range(20)]
-    gains = np.array([out[1].gains for out in formed.outputs]).reshape(4, 5, 6)
+    assert searched == [k % 5 == 0 for k in range(200)]
+    gains = np.array([out[1].gains for out in formed.outputs]).reshape(40, 5, 6)
     assert (gains == gains[:, :1]).all()
     assert len({block[0].tobytes() for block in gains}) > 1
     assert formed.outputs[-1][1].cost > 0
@@ -269,7 +271,9 @@ def test_gains_in_use_go_a_share_of_the_way_to_the_optimised_ones() -> None:
     def first_gains(share: float) -> np.ndarray:
         each = planner(1, chosen=PlannerSettings(gain_share=share))
         each.assign_slots(STARTS, 0.0)
-        return np.array(each.step(0, 0.0, STARTS[1], 20.0, peers).gains)
+        each.step(0, 0.0, STARTS[1], 20.0, peers)
+        # A gust has moved it from its navigation target.
+        return np.array(each.step(5, 0.05, straight_on(8.0, 0.9), 20.0, peers).gains)
 
     optimised = first_gains(1.0)
     assert np.abs(optimised - middle).max() > 0.01
@@ -322,9 +326,9 @@ def test_neighbours_are_those_within_reach() -> None:
 
 def test_alone_a_vehicle_goes_to_the_lane() -> None:
     formed = Formation({1: straight_on(0.0, 0.0, 15.0)})
-    formed.run(8.0)
+    formed.run(15.0)
     alone = formed.motion[1]
-    np.testing.assert_allclose([alone.X, alone.Y, alone.speed], [8.0 * 20.0, 7.0, 20.0], atol=0.1)
+    np.testing.assert_allclose([alone.X, alone.Y, alone.speed], [15.0 * 20.0, 7.0, 20.0], atol=0.1)
 
 
 def test_three_vehicles_form_the_platoon(formation: Formation) -> None:

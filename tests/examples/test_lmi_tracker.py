@@ -27,7 +27,8 @@ def test_its_gains_are_certified_and_those_of_the_built_in_program(seed: int, in
     assert theirs.usable
     assert theirs.iterations > 0
     assert theirs.tau == pytest.approx(ours.tau, rel=3e-3)
-    np.testing.assert_allclose(theirs.K @ point.chi / INPUT, ours.K @ point.chi / INPUT, rtol=0.03, atol=1e-3)
+    # The optimum is flat: costs that are the same within 0.1 % leave the inputs this much freedom.
+    np.testing.assert_allclose(theirs.K @ point.chi / INPUT, ours.K @ point.chi / INPUT, rtol=0.03, atol=2e-3)
 
 
 def test_its_bound_is_the_optimum_before_and_after_the_certificate() -> None:

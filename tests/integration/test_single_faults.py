@@ -21,10 +21,9 @@ SAMPLE = [
     Case("yaw rate off by 0.2 rad/s", 2, 0.4),
     Case("Y off by 2 m", 2, 0.0),
     Case("X off by 5 m", 3, 1.0),
-    Case("Reference yaw rate stuck", 1, 1.0),
+    Case("Reference yaw rate stuck", 3, 1.0),
     Case("steering stuck at 0.03 rad", 1, 1.0),
     Case("ice under all", 1, 0.0),
-    Case("front left tyre blows out", 3, 0.0),
 ]
 
 
@@ -37,6 +36,13 @@ def test_vehicles_stay_apart_and_the_fault_is_told(case: Case, tries: Tries) -> 
     if within is not None:
         # In the very first cycle there is nothing yet to compare a velocity with.
         assert outcome.detected <= within + (case.at_s == 0.0), outcome
+
+
+def test_a_tyre_that_blows_out_in_a_comfortable_lane_change_is_coped_with(tries: Tries) -> None:
+    """The tracker takes it for a disturbance, so nobody need say anything."""
+    outcome = examine(Case("front left tyre blows out", 3, 1.0), duration_s=tries(3, 10))
+    assert outcome.least_m > SAFE_DISTANCE_M
+    assert outcome.slowest > 19.0
 
 
 def test_with_its_planner_back_the_vehicle_comes_back(tries: Tries) -> None:

@@ -28,14 +28,14 @@ def changed(name):
 def test_a_changed_parameter_is_found_with_the_first_cycle_its_signal_and_the_inputs():
     (outcome,) = rerun(FIVE, "veh2.tracker", classes=changed("OtherParameter"))
     assert not outcome.same
-    # In the first cycle there is nothing yet for the observer to correct; in the third that shows in a command, before
+    # In the first cycle there is nothing yet for the observer to correct; in the second that shows in a command, before
     # its estimate is sent again.
     assert outcome.first is not None
-    assert outcome.first.cycle == 2
+    assert outcome.first.cycle == 1
     assert outcome.first.inputs is not None
     assert "TrackerDisturbance" in {signal.message for signal in outcome.signals}
     text = describe(outcome, CODECS)
-    assert "veh2.tracker: DIFFERENT from 0.020 s on: " in text
+    assert "veh2.tracker: DIFFERENT from 0.010 s on: " in text
     assert "veh2 VehicleMotion: VelocityX 2" in text
     assert "rad/s^2" in text
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.errors import BadInput
-from bench.scenario import Scenario, Sine, Step, load, shipped
+from bench.scenario import Scenario, Sine, Step, from_log, load, shipped
 from bench.scenario.errors import key_lines
 
 SMALL = """\
@@ -268,12 +268,59 @@ def test_the_platoon_must_be_no_slower_than_the_planner_goes():
     assert "allowed: 21 to 45" in refused
 
 
-def test_two_vehicles_in_one_place_are_refused(write):
-    path = write(SMALL.replace("x_m = -10.0", "x_m = -3.9"))
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "words"),
+    [
+        (-4.7, 0.0, "0.20 m from the body of vehicle 1 (bodies are 4.5 m by 1.8 m); allowed: at least 0.3 m between"),
+        (-4.7, 0.0, "between bodies; move it by 0.10 m or more, with x_m or y_m"),
+        (-3.9, 0.0, "0.60 m inside the body of vehicle 1"),
+        (-3.9, 0.0, "move it by 0.90 m or more"),
+        (0.0, 2.05, "0.25 m from the body of vehicle 1"),
+        (0.0, 0.0, "1.80 m inside the body of vehicle 1"),
+        (1.0, -1.8, "0.00 m inside the body of vehicle 1"),
+    ],
+)
+def test_two_vehicles_in_one_place_are_refused(x_m, y_m, words, write):
+    path = write(SMALL.replace("x_m = -10.0\ny_m = 0.0", f"x_m = {x_m}\ny_m = {y_m}"))
     refused = refusal(scenario=path)
     assert f"Scenario {path} has 1 error:" in refused
-    assert "line 11: vehicles.1 (vehicle 2) starts 3.90 m from vehicle 1" in refused
-    assert "allowed: at least 4 m between centres" in refused
+    assert "line 11: vehicles.1 (vehicle 2) starts " in refused
+    assert words in refused
+
+
+@pytest.mark.parametrize(("x_m", "y_m"), [(0.0, 3.5), (-4.8, 0.0), (4.8, 1.0), (0.0, 2.1), (-2.0, -2.1), (2.3, 3.0)])
+def test_vehicles_may_start_abreast_and_near(x_m, y_m):
+    place = [f"vehicles.1.x_m={x_m}", f"vehicles.1.y_m={y_m}"]
+    vehicles = load("formation", ["vehicles.0.x_m=0.0", "vehicles.0.y_m=0.0", *place, "vehicles.2.x_m=50.0"]).vehicles
+    assert (vehicles[1].x_m, vehicles[1].y_m) == (x_m, y_m)
+
+
+def test_sixteen_may_start_abreast():
+    vehicles = ", ".join(f"{{x_m=0.0, y_m={3.5 * lane}, speed_mps=20.0}}" for lane in range(16))
+    assert len(load("formation", [f"vehicles=[{vehicles}]"]).vehicles) == 16
+
+
+def test_which_way_vehicles_point_matters():
+    """Across the road a car takes 4.5 m of its width."""
+    abreast = [*(f"vehicles.{i}.x_m={x}" for i, x in enumerate((0.0, 0.0, 50.0))), "vehicles.1.y_m=3.4"]
+    assert load("formation", ["vehicles.0.y_m=0.0", *abreast])
+    refused = refusal("vehicles.0.y_m=0.0", *abreast, "vehicles.1.yaw_rad=1.5")
+    assert "(vehicle 2) starts 0.19 m from the body of vehicle 1" in refused
+
+
+def test_every_pair_that_is_too_near_is_told():
+    refused = refusal(*(f"vehicles.{i}.x_m=0.0" for i in range(3)), *(f"vehicles.{i}.y_m=0.0" for i in range(3)))
+    for vehicle, other in ((2, 1), (3, 1), (3, 2)):
+        assert f"(vehicle {vehicle}) starts 1.80 m inside the body of vehicle {other}" in refused
+
+
+def test_the_log_of_an_earlier_version_whose_vehicles_start_nearer_is_still_read():
+    text = load("formation").toml()
+    nearer = text.replace(
+        f"x_m = {load('formation').vehicles[1].x_m}", f"x_m = {load('formation').vehicles[0].x_m + 4.1}"
+    )
+    nearer = nearer.replace(f"y_m = {load('formation').vehicles[1].y_m}", f"y_m = {load('formation').vehicles[0].y_m}")
+    assert from_log(nearer).vehicles[1].x_m == load("formation").vehicles[0].x_m + 4.1
 
 
 def test_several_errors_are_told_at_once_each_with_its_line(write):

@@ -48,7 +48,7 @@ function fillSettings() {
 
 function verdict(run) {
   if (data.live) return { text: "The run is in progress." };
-  const missed = run.metrics.filter((row) => row[3] === false && !row[4]).map((row) => row[0].toLowerCase());
+  const missed = run.metrics.filter((row) => row[3] === false && row[4] === "run").map((row) => row[0].toLowerCase());
   const parts = ["No platoon formed"];
   if (run.formed) parts[0] = run.formation_time > 0 ? `Formed after ${seconds(run.formation_time)}` : "Formed from the start";
   if (!run.complete) parts.push(`the run is not complete (${run.damage || run.status})`);
@@ -56,36 +56,39 @@ function verdict(run) {
   return { text: `${parts.join("; ")}.`, good: run.formed && run.complete && !missed.length };
 }
 
-// Rows that depend on the machine have a true last value: they stand apart, and are no verdict on the run.
+// The last value of a row is its group (bench/analysis/requirements.py); only "run" is a verdict on the run.
+const GROUPS = [["run", "Metric"], ["comfort", "Comfort"], ["machine", "On this machine"]];
+const NEUTRAL = { comfort: ["within", "exceeded"], machine: ["within", "slower"] };
+
 function fillMetrics() {
   const parent = byId("tables");
   parent.replaceChildren();
   parent.hidden = !data.metrics.length;
   const fill = data.other ? fillCompared : fillSingle;
   const rows = data.other ? data.compared : data.metrics;
-  for (const [title, apart] of [["Metric", false], ["On this machine", true]]) {
-    const chosen = rows.filter((row) => Boolean(row.at(-1)) === apart);
-    if (chosen.length) fill(element(parent, "table"), title, chosen);
+  for (const [group, title] of GROUPS) {
+    const chosen = rows.filter((row) => row.at(-1) === group);
+    if (chosen.length) fill(element(parent, "table"), title, chosen, group === "comfort" ? "Limit" : "Required");
   }
 }
 
-function fillSingle(table, title, rows) {
-  heading(table, [title, "Value", "Required", ""]);
+function fillSingle(table, title, rows, asks) {
+  heading(table, [title, "Value", asks, ""]);
   const body = element(table, "tbody");
-  for (const [name, value, asked, met, ofMachine] of rows) {
+  for (const [name, value, asked, met, group] of rows) {
     const row = element(body, "tr");
     element(row, "th", { scope: "row" }, name);
     element(row, "td", {}, value);
     element(row, "td", { class: "asked" }, asked);
-    const { look, mark, word } = markOf(met, ofMachine);
+    const { look, mark, word } = markOf(met, group);
     const cell = element(row, "td", { class: `verdict ${look}` }, mark);
     if (word) element(cell, "span", {}, ` ${word}`);
   }
 }
 
-function markOf(met, ofMachine) {
+function markOf(met, group) {
   if (met === null) return { look: "", mark: "", word: "" };
-  if (ofMachine) return { look: "neutral", mark: met ? "✓" : "○", word: met ? "within" : "slower" };
+  if (NEUTRAL[group]) return { look: "neutral", mark: met ? "✓" : "○", word: NEUTRAL[group][met ? 0 : 1] };
   return met ? { look: "good", mark: "✓", word: "met" } : { look: "bad", mark: "✗", word: "missed" };
 }
 
@@ -96,16 +99,16 @@ function fillNotSent() {
   parent.textContent = `Not drawn, because the ECUs did not send it or sent start values only: ${titles.join("; ")}.`;
 }
 
-function fillCompared(table, title, rows) {
+function fillCompared(table, title, rows, asks) {
   table.className = "compared";
-  heading(table, [title, "A", "B", "B − A", "Required"]);
+  heading(table, [title, "A", "B", "B − A", asks]);
   const body = element(table, "tbody");
-  for (const [name, a, b, difference, askedA, askedB, metA, metB, ofMachine] of rows) {
+  for (const [name, a, b, difference, askedA, askedB, metA, metB, group] of rows) {
     const row = element(body, "tr");
     element(row, "th", { scope: "row" }, name);
     for (const [value, met] of [[a, metA], [b, metB]]) {
       const cell = element(row, "td", {}, value);
-      const { look, mark } = markOf(met, ofMachine);
+      const { look, mark } = markOf(met, group);
       if (mark) element(cell, "span", { class: look }, ` ${mark}`);
     }
     element(row, "td", {}, difference);
