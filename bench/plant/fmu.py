@@ -1,6 +1,7 @@
 """One FMU instance for co-simulation, called with preallocated arrays (FMI 2.0.4, section 4).
 
-Getters and setters that allocate new ctypes arrays at every call cost twice the FMU's step.
+fmpy loads the library and declares its functions. Its getters and setters allocate new ctypes arrays at every call,
+which costs twice the FMU's step, so the library's functions are called directly with preallocated arguments.
 """
 
 import hashlib
@@ -8,17 +9,16 @@ import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from ctypes import c_double, c_uint
 from pathlib import Path
 from typing import Any
 
+from fmpy.fmi1 import FMICallException
+from fmpy.fmi2 import FMU2Slave, fmi2True, fmi2Warning
+
 from bench.errors import RunFailed
-from bench.plant import fmi2
 from bench.plant.description import FmuDescription
-from platoon_fmu.compilers import this_platform
-from platoon_fmu.errors import FmuError
-from platoon_fmu.versions import FMI2
 
 
 def unpack(fmu: Path) -> Path:
@@ -72,22 +72,30 @@ class FmuInstance:
         """
         self.name = name
         try:
-            library = fmi2.load(_library(description, folder))
-        except (OSError, AttributeError, FmuError) as error:
+            self._slave = FMU2Slave(
+                guid=description.guid,
+                unzipDirectory=str(folder),
+                modelIdentifier=description.model_identifier,
+                instanceName=name,
+            )
+        except Exception as error:
             raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: {error}") from error
-        component = fmi2.instantiate(library, name, description.guid, folder / "resources")
-        if not component:
-            raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: it creates no instance")
-        self._library, self._component = library, component
+        try:
+            # With logging on, the FMU prints its error messages, which end up in the reported last output.
+            self._slave.instantiate(loggingOn=True)
+        except Exception as error:
+            raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: it creates no instance") from error
+        library, component = self._slave.dll, self._slave.component
         self._get_real, self._set_real, self._do_step = library.fmi2GetReal, library.fmi2SetReal, library.fmi2DoStep
+        self._component = component
         self._outputs = _Values(description, description.outputs, component)
         self._inputs = _Values(description, description.inputs, component)
         parameters = _Values(description, start, component)
         parameters.values[:] = list(start.values())
-        self._call("fmi2SetupExperiment", fmi2.FALSE, 0.0, 0.0, fmi2.FALSE, 0.0)
+        self._call(self._slave.setupExperiment)
         self._check("fmi2SetReal", self._set_real(*parameters.arguments))
-        self._call("fmi2EnterInitializationMode")
-        self._call("fmi2ExitInitializationMode")
+        self._call(self._slave.enterInitializationMode)
+        self._call(self._slave.exitInitializationMode)
         self._check("fmi2GetReal", self._get_real(*self._inputs.arguments))
 
     def outputs(self) -> list[float]:
@@ -111,27 +119,19 @@ class FmuInstance:
         """
         self._inputs.values[:] = [*inputs]
         self._check("fmi2SetReal", self._set_real(*self._inputs.arguments))
-        self._check("fmi2DoStep", self._do_step(self._component, time_s, length_s, fmi2.TRUE))
+        self._check("fmi2DoStep", self._do_step(self._component, time_s, length_s, fmi2True))
 
     def close(self) -> None:
         """Free the instance."""
-        self._call("fmi2Terminate")
-        self._library.fmi2FreeInstance(self._component)
+        self._call(self._slave.terminate)
+        self._slave.freeInstance()
 
     def _check(self, function: str, status: int) -> None:
-        if status > fmi2.WARNING:
-            raise RunFailed(f"the FMU of {self.name} failed: {fmi2.failure(function, status)}")
+        if status > fmi2Warning:
+            raise RunFailed(f"the FMU of {self.name} failed: {FMICallException(function, status)}")
 
-    def _call(self, function: str, *arguments: float) -> None:
-        self._check(function, getattr(self._library, function)(self._component, *arguments))
-
-
-def _library(description: FmuDescription, folder: Path) -> Path:
-    """Return the FMU's binary for this machine.
-
-    Raises:
-        FmuError: there can be none.
-    """
-    platform = this_platform()
-    (place, *_) = FMI2.folders_of(platform.name)
-    return folder / "binaries" / place / f"{description.model_identifier}{platform.suffix}"
+    def _call(self, function: Callable[[], Any]) -> None:
+        try:
+            function()
+        except FMICallException as error:
+            raise RunFailed(f"the FMU of {self.name} failed: {error}") from error
