@@ -19,18 +19,6 @@ else:
 @cython.ccall
 @cython.nogil
 @cython.exceptval(check=False)
-def multiply(out: cython.double[:, ::1], a: cython.double[:, ::1], b: cython.double[:, ::1]) -> cython.void:
-    """Set `out = a b`."""
-    i: cython.Py_ssize_t
-    j: cython.Py_ssize_t
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
-
-
-@cython.ccall
-@cython.nogil
-@cython.exceptval(check=False)
 def invert(out: cython.double[:, ::1], a: cython.double[:, ::1]) -> cython.double:
     """Set `out` to the inverse of `a`, and return its determinant; if that is 0, `out` is no inverse."""
     i: cython.Py_ssize_t

@@ -56,7 +56,7 @@ def minimise(
     n = gradient.size
     if equality is None:
         x = np.empty(n)
-        if minimise_in_box(x, np.ascontiguousarray(hessian), gradient, lower, upper):
+        if minimise_in_box(x, np.ascontiguousarray(hessian), gradient, lower, upper, np.empty((n + 2, n))):
             return QuadraticSolution(x, True)
         rows, values = np.zeros((0, n)), np.zeros(0)
     else:
@@ -84,27 +84,16 @@ def minimise_in_box(
     gradient: cython.double[::1],
     lower: cython.double[::1],
     upper: cython.double[::1],
+    work: cython.double[:, ::1],
 ) -> cython.bint:
     """Set x (n,) to the solution of `minimise` without equality; return False if it was not found.
 
     The primal-dual active-set method (Hintermueller, Ito, Kunisch 2003): solve with the active variables at their
     bounds; then those beyond a bound become active, and active ones whose slope points into the box become free. When
     none changes, x meets the optimality conditions. That mostly happens, but need not.
+
+    `work` (n + 2, n) is overwritten: an array costs more than the arithmetic.
     """
-    n: cython.Py_ssize_t = x.shape[0]
-    return minimise_in_box_with(x, hessian, gradient, lower, upper, np.empty((n + 2, n)))
-
-
-@cython.ccall
-def minimise_in_box_with(
-    x: cython.double[::1],
-    hessian: cython.double[:, ::1],
-    gradient: cython.double[::1],
-    lower: cython.double[::1],
-    upper: cython.double[::1],
-    work: cython.double[:, ::1],
-) -> cython.bint:
-    """As `minimise_in_box`; `work` (n + 2, n) is overwritten: an array costs more than the arithmetic."""
     n: cython.Py_ssize_t = x.shape[0]
     i: cython.Py_ssize_t
     matrix: cython.double[:, ::1] = work[:n]

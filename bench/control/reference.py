@@ -16,10 +16,10 @@ from bench.control.quadratic import minimise
 from bench.control.vehicle_model import VehicleModel
 
 if cython.compiled:
-    from cython.cimports.bench.control.quadratic import minimise_in_box_with
+    from cython.cimports.bench.control.quadratic import minimise_in_box
     from cython.cimports.bench.control.vehicle_model import linearise, step
 else:
-    from bench.control.quadratic import minimise_in_box_with
+    from bench.control.quadratic import minimise_in_box
     from bench.control.vehicle_model import linearise, step
 
 Vector = NDArray[np.float64]
@@ -121,7 +121,7 @@ class ReferenceSearch:
             _set_cost(
                 hessian, gradient, self._spare, self._numbers, self._matrix, limit, xi, xi_next, z, self._Q, self._R
             )
-            if not minimise_in_box_with(better, hessian, gradient, lower, upper, self._box_work):
+            if not minimise_in_box(better, hessian, gradient, lower, upper, self._box_work):
                 found = minimise(np.array(hessian), np.array(gradient), np.array(lower), np.array(upper))
                 if not found.solved:
                     solved = False

@@ -18,13 +18,13 @@ from bench.control.quadratic import minimise
 
 if cython.compiled:
     from cython.cimports.bench.control.matrices import invert
-    from cython.cimports.bench.control.quadratic import minimise_in_box_with
+    from cython.cimports.bench.control.quadratic import minimise_in_box
     from cython.cimports.libc.math import fabs, isfinite
 else:
     from math import fabs, isfinite
 
     from bench.control.matrices import invert
-    from bench.control.quadratic import minimise_in_box_with
+    from bench.control.quadratic import minimise_in_box
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -228,7 +228,7 @@ class TargetSearch:
             H[i + 1, i + 1] += 1.0
             low[i + 1] = lower[i] / input_unit[i]
             high[i + 1] = upper[i] / input_unit[i]
-        if not minimise_in_box_with(z, H, g, low, high, self._box_work):
+        if not minimise_in_box(z, H, g, low, high, self._box_work):
             found = minimise(np.array(H), np.array(g), np.array(low), np.array(high))
             if not found.solved:
                 return False

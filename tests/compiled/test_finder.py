@@ -13,7 +13,7 @@ from bench.compiled.modules import COMPILED
 from bench.errors import BadInput
 
 ROOT = finder.ROOT
-SHOW = "import bench.control.matrices as m, bench.compiled.finder as f; print(type(m.multiply).__name__, m.__file__)"
+SHOW = "import bench.control.matrices as m, bench.compiled.finder as f; print(type(m.invert).__name__, m.__file__)"
 
 
 def run(folder: Path, code: str = SHOW, **settings: str) -> str:
