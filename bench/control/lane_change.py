@@ -56,10 +56,11 @@ class LaneChange:
     def keeps(self, acceleration: cython.double, jerk: cython.double) -> cython.bint:
         """Return whether the motion keeps to an acceleration (m/s^2) from its start's on, and to a jerk (m/s^3)."""
         k: cython.int
+        a: cython.double
         most: cython.double = max(acceleration, abs(self._a) + 1e-9)
         for k in range(_SAMPLES + 1):
             t: cython.double = self.duration_s * k / _SAMPLES
-            a: cython.double = self._a + t * (6.0 * self._c3 + t * (12.0 * self._c4 + t * 20.0 * self._c5))
+            _, _, a = self.at(t)
             j: cython.double = 6.0 * self._c3 + t * (24.0 * self._c4 + t * 60.0 * self._c5)
             if abs(a) > most or abs(j) > jerk:
                 return False

@@ -185,6 +185,10 @@ def coasting(vehicle: VehicleParameters, v_x: float) -> float:
 class Planner:
     """Plans one vehicle's speed and yaw-rate reference.
 
+    Attributes:
+        settings: of the planner.
+        slots: the slot, from 1 at the head, of each vehicle by number; empty before they are known.
+
     Args:
         settings: of the planner.
         goal: the platoon to form.
@@ -243,7 +247,7 @@ class Planner:
         self._leader_time = 0.0
         self._rejoining = False
         self._cycle: int | None = None
-        self._slots: Mapping[int, int] = {}
+        self.slots: dict[int, int] = {}
         target, self._comfort = self._motion_limits(TARGET_SHARE), self._motion_limits(REFERENCE_SHARE)
         self._navigation: NavigationTarget = NavigationTarget(target, step_s)
         self._navigates = False
@@ -285,20 +289,15 @@ class Planner:
             settings.speed_max_mps,
         )
 
-    def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> dict[int, int]:
-        """Assign slots and the start of the leader slot from the positions of all vehicles (by number) at `time_s`.
-
-        Returns:
-            The slot, from 1 at the head, of every vehicle by number.
-        """
+    def assign_slots(self, starts: Mapping[int, Motion], time_s: float) -> None:
+        """Assign slots and the start of the leader slot from the positions of all vehicles (by number) at `time_s`."""
         numbers = sorted(starts)
         slots = slot_order([(starts[n].X, starts[n].Y) for n in numbers])
         self._slot = slots[numbers.index(self._number)]
         middle = sum(starts[n].X for n in numbers) / len(numbers)
         self._leader_start = middle + 0.5 * (len(numbers) - 1) * self._goal.gap
         self._leader_time = time_s
-        self._slots = dict(zip(numbers, slots, strict=True))
-        return {number: slot + 1 for number, slot in self._slots.items()}
+        self.slots = {number: slot + 1 for number, slot in zip(numbers, slots, strict=True)}
 
     def join(self, slot: int, leader_x: float, time_s: float, slots: Mapping[int, int] | None = None) -> None:
         """Take a slot (from 1) in an existing platoon whose foremost slot is at `leader_x` (m) at `time_s`.
@@ -306,7 +305,7 @@ class Planner:
         The others' slots (from 1), by number, are taken.
         """
         self._slot = slot - 1
-        self._slots = {number: each - 1 for number, each in (slots or {}).items()} | {self._number: slot - 1}
+        self.slots = {**(slots or {}), self._number: slot}
         self._leader_start, self._leader_time = leader_x, time_s
         self._rejoining = True
 
@@ -431,13 +430,15 @@ class Planner:
         navigation: NavigationTarget = self._navigation
         left = abs(navigation.x - q_x) > LEFT_M[0] or abs(navigation.y - q_y) > LEFT_M[1]
         if left or not self._navigates:
-            changing = navigation.changing and self._navigates
+            changing = navigation.changing
             navigation.start(q_x, q_y, p_x, p_y, self._acceleration.value)
             self._navigates = True
             if changing:
                 navigation.change_to(self._goal.lane_y)
-        ahead = [number for number, slot in self._slots.items() if slot <= (self._slot or 0)]
-        if not navigation.changing and self._right_of_way.may_change(own, navigation.a_x, ahead):
+        if navigation.changing:
+            return
+        ahead = [number for number, slot in self.slots.items() if slot < self.slots[self._number]]
+        if self._right_of_way.may_change(own, navigation.a_x, ahead):
             navigation.change_to(self._goal.lane_y)
 
     def _limited(

@@ -12,7 +12,7 @@ all from there to the platoon's lane. Two rules keep vehicles apart (docs/safety
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import cython
 
@@ -28,8 +28,7 @@ GENTLY = 0.7
 """Largest braking (m/s^2) beyond the present one that a lane change may ask of who is behind."""
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(NamedTuple):
     """Where a vehicle is and how fast.
 
     Attributes:

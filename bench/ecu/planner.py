@@ -86,7 +86,6 @@ class PlannerEcu:
         self._broadcast_topics = broadcast(vehicle)
         self._own = OwnMotion(VehicleParameters())
         self._following = Following()
-        self._slots: dict[int, int] = {}
         # After this wait for all vehicles to be heard, slots are assigned by the start grid.
         self._wait_cycles = timeout_cycles("v2v.dbc", broadcast(vehicle).position.message)
         self._first_cycle: int | None = None
@@ -146,7 +145,6 @@ class PlannerEcu:
             leader_x = sum(report.leader_x for report in reports.values()) / len(reports)
             # If others are missing too, the rearmost free slot has the most of them ahead.
             slot = max(free, default=len(self._grid))
-            self._slots = taken | {self._vehicle: slot}
             self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s, taken)
             return
         starts: dict[int, Motion] | None = None
@@ -163,7 +161,7 @@ class PlannerEcu:
             for number, peer in self._peers.items():
                 peer.assume(self._grid[number], time_s)
         if starts is not None:
-            self._slots = self._planner.assign_slots(starts, started_s)
+            self._planner.assign_slots(starts, started_s)
 
     def _plan(self, cycle: int, time_s: float, own: Motion, v_x: float) -> Manoeuvre:
         """Plan the next cycle's reference and return the manoeuvre."""
@@ -201,14 +199,15 @@ class PlannerEcu:
         }
 
     def _is_ahead(self, number: int) -> bool:
-        return self._slots.get(number, 0) < self._slots.get(self._vehicle, 0)
+        slots = self._planner.slots
+        return slots.get(number, 0) < slots.get(self._vehicle, 0)
 
     def _braking(self, own: Motion) -> float | None:
         """Return the braking (m/s^2) to fall back from untrusted vehicles ahead; None if all are trusted."""
         suspects = [peer for n, peer in self._peers.items() if peer.cause in _UNTRUSTED and self._is_ahead(n)]
         if not suspects:
             return None
-        braking = self._planner.fall_back_braking(self._slots[self._vehicle])
+        braking = self._planner.fall_back_braking(self._planner.slots[self._vehicle])
         for peer in suspects:
             if peer.motion is not None and peer.cause is Cause.PEER_UNSAFE:
                 braking = max(braking, _braking_behind(own, peer.motion))
