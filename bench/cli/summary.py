@@ -162,14 +162,9 @@ def _overall(metrics: "Metrics") -> "Table":
 
 
 def _vehicles(metrics: "Metrics") -> "Table":
-    from rich.table import Table
-
     from bench.analysis.step_times import NOT_SENT
 
-    table = Table()
-    table.add_column("vehicle")
-    for heading in ("final speed\nm/s", "lateral error\nm", "yaw\nrad", "speed RMSE\nm/s", "yaw rate RMSE\nrad/s"):
-        table.add_column(heading, justify="right")
+    headings = ("final speed\nm/s", "lateral error\nm", "yaw\nrad", "speed RMSE\nm/s", "yaw rate RMSE\nrad/s")
     columns = (
         metrics.final_speeds_mps,
         metrics.final_lateral_errors_m,
@@ -177,16 +172,17 @@ def _vehicles(metrics: "Metrics") -> "Table":
         metrics.speed_rmse_mps,
         metrics.yaw_rate_rmse_radps,
     )
-    for number, (speed, lateral, yaw, speed_rmse, yaw_rate_rmse) in enumerate(zip(*columns, strict=True), 1):
-        table.add_row(
-            f"veh{number}",
+    rows = (
+        (
             f"{speed:.3f}",
             f"{lateral:+.3f}",
             f"{yaw:+.4f}",
             NOT_SENT if speed_rmse is None else f"{speed_rmse:.4f}",
             NOT_SENT if yaw_rate_rmse is None else f"{yaw_rate_rmse:.5f}",
         )
-    return table
+        for speed, lateral, yaw, speed_rmse, yaw_rate_rmse in zip(*columns, strict=True)
+    )
+    return _by_vehicle("vehicle", headings, rows)
 
 
 def _felt(comfort: "Comfort") -> "Table":
