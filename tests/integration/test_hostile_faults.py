@@ -75,7 +75,7 @@ REQUESTS = [
 
 
 def test_whatever_is_sent_is_refused_and_the_run_completes(start) -> None:
-    run = start(set=["duration_s=4.0"])
+    run = start(set=["duration_s=20.0"])
     run.await_time(0.1)
     name = name_of(run.process.pid)
     for request in REQUESTS:
@@ -88,12 +88,12 @@ def test_whatever_is_sent_is_refused_and_the_run_completes(start) -> None:
     assert (code, errors) == (0, "")
     run.assert_all_gone()
     recorded = Run(run.out)
-    assert recorded.result["cycles"] == "400"
+    assert recorded.result["cycles"] == "2000"
     assert [event.fields["fault"] for event in recorded.events if event.kind == FaultRequested.kind] == [asked["fault"]]
 
 
 def test_no_cycle_waits_for_those_who_send_slowly_or_never_read(start) -> None:
-    run = start(set=["duration_s=6.0"])
+    run = start(set=["duration_s=20.0"])
     run.await_time(0.1)
     name = name_of(run.process.pid)
     slow = [connected(name) for _ in range(12)]
@@ -114,11 +114,11 @@ def test_no_cycle_waits_for_those_who_send_slowly_or_never_read(start) -> None:
         connection.close()
     assert "at_s" in ask(name, {"kind": "v2v_outage", "vehicle": 1})
     assert run.end()[0] == 0
-    assert Run(run.out).result["cycles"] == "600"
+    assert Run(run.out).result["cycles"] == "2000"
 
 
 def test_a_flood_of_connections_ends_nothing(start) -> None:
-    run = start(set=["duration_s=3.0"])
+    run = start(set=["duration_s=10.0"])
     run.await_time(0.1)
     name = name_of(run.process.pid)
     flood = []
@@ -138,12 +138,12 @@ def test_a_flood_of_connections_ends_nothing(start) -> None:
     for connection in flood:
         connection.close()
     assert (code, errors) == (0, "")
-    assert Run(run.out).result["cycles"] == "300"
+    assert Run(run.out).result["cycles"] == "1000"
 
 
 @AS_ROOT
 def test_another_user_learns_nothing(start) -> None:
-    run = start(set=["duration_s=3.0"])
+    run = start(set=["duration_s=10.0"])
     run.await_time(0.1)
     name = name_of(run.process.pid)
     code = (

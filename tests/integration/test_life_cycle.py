@@ -238,7 +238,7 @@ def test_a_killed_conductor_leaves_nothing_behind(start) -> None:
 
 
 def test_a_stopped_conductor_and_ecu_do_no_harm(start) -> None:
-    run = start(set=["duration_s=1.0"])
+    run = start(set=["duration_s=5.0"])
     run.await_time(0.2)
     pid = run.pid_of("veh2.tracker")
     os.kill(pid, signal.SIGSTOP)
@@ -246,7 +246,7 @@ def test_a_stopped_conductor_and_ecu_do_no_harm(start) -> None:
     os.kill(run.process.pid, signal.SIGCONT)
     os.kill(pid, signal.SIGCONT)
     code, output, _ = run.end()
-    assert (code, output.split()[-1]) == (0, "100")
+    assert (code, output.split()[-1]) == (0, "500")
     run.assert_all_gone()
 
 

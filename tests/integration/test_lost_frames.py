@@ -18,7 +18,7 @@ MANY = 40_000
 def test_what_a_full_receive_queue_drops_is_counted_logged_and_shown(start) -> None:
     # Ports that no bench takes unasked, another one for each worker.
     can = f"udp:{61000 + os.getpid() % 400 * 8}"
-    run = start(set=["duration_s=1.0"], can=can)
+    run = start(set=["duration_s=5.0"], can=can)
     run.await_time(0.3)
     pid = run.pid_of("veh2.tracker")
     os.kill(pid, signal.SIGSTOP)
