@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bench.record import Run
 from bench.record.comfort import in_order
+from bench.scenario import Scenario
 from platoon_fmu.wheels import WHEEL_NAMES
 
 Array = npt.NDArray[np.float64]
@@ -43,6 +44,7 @@ class Comfort:
         steering_rate_rms_radps: RMS of the rate of the road wheels' steering angle.
         driven_energy_j: work done on the wheels by torques in the direction of their spin, see `energies`.
         braked_energy_j: work taken from them by torques against it, positive.
+        limits: the limits of comfort of the run, see `limits_of`.
     """
 
     lateral_acceleration_max_mps2: list[float | None]
@@ -57,24 +59,42 @@ class Comfort:
     steering_rate_rms_radps: list[float | None]
     driven_energy_j: list[float | None]
     braked_energy_j: list[float | None]
+    limits: dict[str, float]
+
+
+def limits_of(scenario: Scenario) -> dict[str, float]:
+    """Return the limits of comfort that a run is shown against, by the columns of `Run.comfort`, m/s^2 and m/s^3.
+
+    They are those its planners were given: the standard's unless the scenario has others. A scenario that has switched
+    them off has none, and its run is shown against none: it was not meant to be comfortable.
+    """
+    limits = scenario.planner.comfort
+    if not limits.enabled:
+        return {}
+    return {
+        "a_x": limits.longitudinal_acceleration_mps2,
+        "a_y": limits.lateral_acceleration_mps2,
+        "jerk_x": limits.longitudinal_jerk_mps3,
+        "jerk_y": limits.lateral_jerk_mps3,
+    }
 
 
 def comfort(run: Run) -> Comfort | None:
     """Return the comfort of a run; None if its ground truth lacks accelerations, steering or wheels.
 
     Raises:
-        BadInput: the log has no ground truth.
+        BadInput: the log has no ground truth or no scenario.
     """
     vehicles = range(1, run.vehicles + 1)
     if not vehicles or any(name not in run.truth(vehicle) for vehicle in vehicles for name in _NEEDED):
         return None
     found = [_of_vehicle(run, vehicle) for vehicle in vehicles]
-    return Comfort(**{name: [each[name] for each in found] for name in found[0]})
+    return Comfort(**{name: [each[name] for each in found] for name in found[0]}, limits=limits_of(run.scenario))
 
 
 @np.errstate(invalid="ignore", over="ignore")
 def _of_vehicle(run: Run, vehicle: int) -> dict[str, Any]:
-    """Return the value of each field of `Comfort` for one vehicle."""
+    """Return the value for one vehicle of each list of `Comfort`."""
     felt, truth = run.comfort(vehicle), in_order(run.truth(vehicle))
     rms_x, rms_y = _rms(felt["weighted_x"]), _rms(felt["weighted_y"])
     steering = truth["steering_angle"]

@@ -14,6 +14,7 @@ import numpy as np
 from bench.analysis.boundary import margin, yaw_rate_max
 from bench.analysis.bus_load import BusLoad
 from bench.analysis.clearance import abreast, clearances
+from bench.analysis.comfort import limits_of
 from bench.analysis.figure import Curve, Figure, Line
 from bench.analysis.metrics import CLEARANCE_M
 from bench.analysis.motion import Array
@@ -21,7 +22,7 @@ from bench.analysis.requirements import LEAST_DISTANCE_M
 from bench.analysis.series import Pool, Series, Span
 from bench.analysis.step_times import longest, longest_in_ms
 from bench.analysis.timing import histograms, timing
-from bench.control.comfort import ISO_LIMITS, JERK_WINDOW_S
+from bench.control.comfort import JERK_WINDOW_S
 from bench.names import V2V, vehicle_of
 from bench.record import Run
 from bench.record.drawing import colour, lane_edges
@@ -251,16 +252,17 @@ class Figures:
         return Curve(f"{i + 1} – {j + 1}", "t", key, line_colour, dash)
 
     def _comfort(self) -> None:
-        """Add acceleration and jerk in the vehicle's axes with the limits of comfort."""
-        limits = ISO_LIMITS
+        """Add acceleration and jerk in the vehicle's axes, with the limits of comfort if the run has any."""
+        limits = limits_of(self._scenario)
         mean = f"averaged over {JERK_WINDOW_S:g} s"
-        for name, title, unit, limit in (
-            ("a_y", "Lateral acceleration", "m/s²", limits.lateral_acceleration_mps2),
-            ("jerk_y", f"Lateral jerk, {mean}", "m/s³", limits.lateral_jerk_mps3),
-            ("a_x", "Longitudinal acceleration", "m/s²", limits.longitudinal_acceleration_mps2),
-            ("jerk_x", f"Longitudinal jerk, {mean}", "m/s³", limits.longitudinal_jerk_mps3),
+        for name, title, unit in (
+            ("a_y", "Lateral acceleration", "m/s²"),
+            ("jerk_y", f"Lateral jerk, {mean}", "m/s³"),
+            ("a_x", "Longitudinal acceleration", "m/s²"),
+            ("jerk_x", f"Longitudinal jerk, {mean}", "m/s³"),
         ):
-            lines = [Line(limit, "limit of comfort", limit=True), Line(-limit, limit=True)]
+            limit = limits.get(name)
+            lines = [Line(limit, "limit of comfort", limit=True), Line(-limit, limit=True)] if limit else []
             curves = [self._curve(v, "t", f"{v}.{name}") for v in self._vehicles if self._put_felt(v, name)]
             self._add_if(self._over_time(name.replace("_", ""), title, "Comfort", f"{name} [{unit}]", curves, lines))
 

@@ -9,7 +9,6 @@ from enum import StrEnum
 from bench.analysis.comfort import REVERSAL_GAP_RAD, Comfort
 from bench.analysis.metrics import Metrics
 from bench.analysis.step_times import NOT_SENT, median_and_p99
-from bench.control.comfort import ISO_LIMITS
 from bench.scenario import Scenario
 
 LEAST_DISTANCE_M = 4.0
@@ -148,21 +147,15 @@ def keeps_distance(metrics: Metrics) -> bool:
 
 
 def _comfort(comfort: Comfort) -> list[Row]:
-    limits, group = ISO_LIMITS, Group.COMFORT
+    limits, group = comfort.limits.get, Group.COMFORT
     acceleration, jerk = "m/s²", "m/s³"
-    lateral, longitudinal = limits.lateral_acceleration_mps2, limits.longitudinal_acceleration_mps2
     gap = f"{1e3 * REVERSAL_GAP_RAD:g} mrad"
     return [
-        _within("Lateral acceleration, largest", comfort.lateral_acceleration_max_mps2, lateral, acceleration),
-        _within("Lateral jerk, largest 0.5 s mean", comfort.lateral_jerk_max_mps3, limits.lateral_jerk_mps3, jerk),
-        _within("Acceleration, largest", comfort.acceleration_max_mps2, longitudinal, acceleration),
-        _within("Braking, largest", comfort.braking_max_mps2, longitudinal, acceleration),
-        _within(
-            "Longitudinal jerk, largest 0.5 s mean",
-            comfort.longitudinal_jerk_max_mps3,
-            limits.longitudinal_jerk_mps3,
-            jerk,
-        ),
+        _within("Lateral acceleration, largest", comfort.lateral_acceleration_max_mps2, limits("a_y"), acceleration),
+        _within("Lateral jerk, largest 0.5 s mean", comfort.lateral_jerk_max_mps3, limits("jerk_y"), jerk),
+        _within("Acceleration, largest", comfort.acceleration_max_mps2, limits("a_x"), acceleration),
+        _within("Braking, largest", comfort.braking_max_mps2, limits("a_x"), acceleration),
+        _within("Longitudinal jerk, largest 0.5 s mean", comfort.longitudinal_jerk_max_mps3, limits("jerk_x"), jerk),
         Row("Weighted acceleration x, RMS", _known(comfort.weighted_rms_x_mps2, 3, acceleration), group=group),
         Row("Weighted acceleration y, RMS", _known(comfort.weighted_rms_y_mps2, 3, acceleration), group=group),
         Row("Weighted acceleration, vector sum", _known(comfort.weighted_rms_mps2, 3, acceleration), group=group),
@@ -173,8 +166,10 @@ def _comfort(comfort: Comfort) -> list[Row]:
     ]
 
 
-def _within(name: str, values: Sequence[float | None], limit: float, unit: str) -> Row:
-    """Return the row of what has a limit of comfort."""
+def _within(name: str, values: Sequence[float | None], limit: float | None, unit: str) -> Row:
+    """Return the row of what has a limit of comfort, which is None where the run has none."""
+    if limit is None:
+        return Row(name, _known(values, 2, unit), group=Group.COMFORT)
     known = [value for value in values if value is not None]
     met = all(value <= limit for value in known) if known else None
     return Row(name, _known(values, 2, unit), f"at most {limit:g}\u00a0{unit}", met, Group.COMFORT)

@@ -186,24 +186,22 @@ def _vehicles(metrics: "Metrics") -> "Table":
 
 
 def _felt(comfort: "Comfort") -> "Table":
-    """Return the table of what is felt in each vehicle, with the limits of comfort."""
-    from bench.control.comfort import ISO_LIMITS
-
-    lateral, longitudinal = ISO_LIMITS.lateral_acceleration_mps2, ISO_LIMITS.longitudinal_acceleration_mps2
+    """Return the table of what is felt in each vehicle, with the limits of comfort if the run has any."""
+    limits = comfort.limits.get
     columns: tuple[tuple[str, Sequence[float | None], float | None], ...] = (
-        ("lateral\nm/s²", comfort.lateral_acceleration_max_mps2, lateral),
-        ("lateral\njerk\nm/s³", comfort.lateral_jerk_max_mps3, ISO_LIMITS.lateral_jerk_mps3),
-        ("forward\nm/s²", comfort.acceleration_max_mps2, longitudinal),
-        ("braking\nm/s²", comfort.braking_max_mps2, longitudinal),
-        ("longitudinal\njerk\nm/s³", comfort.longitudinal_jerk_max_mps3, ISO_LIMITS.longitudinal_jerk_mps3),
+        ("lateral\nm/s²", comfort.lateral_acceleration_max_mps2, limits("a_y")),
+        ("lateral\njerk\nm/s³", comfort.lateral_jerk_max_mps3, limits("jerk_y")),
+        ("forward\nm/s²", comfort.acceleration_max_mps2, limits("a_x")),
+        ("braking\nm/s²", comfort.braking_max_mps2, limits("a_x")),
+        ("longitudinal\njerk\nm/s³", comfort.longitudinal_jerk_max_mps3, limits("jerk_x")),
         ("ISO 2631-1\nRMS\nm/s²", comfort.weighted_rms_mps2, None),
     )
     rows = list(zip(*([_against(value, limit) for value in values] for _, values, limit in columns), strict=True))
     above = any(text.endswith(_ABOVE) for row in rows for text in row)
-    limits = ("" if limit is None else f"{limit:g}  " for _, _, limit in columns)
     table = _by_vehicle("largest", [heading for heading, _, _ in columns], rows)
-    table.add_section()
-    table.add_row("limit", *limits)
+    if comfort.limits:
+        table.add_section()
+        table.add_row("limit", *("" if limit is None else f"{limit:g}  " for _, _, limit in columns))
     table.caption = f"{_ABOVE} above the limit of comfort; the run has not failed by that" if above else None
     return table
 

@@ -56,18 +56,18 @@ class Motions:
         self.signals.setdefault((vehicle, message), {}).update(signals)
 
 
-def scenario_of(vehicles, seconds):
+def scenario_of(vehicles, seconds, overrides=()):
     """A scenario of as many vehicles, formed from the begin."""
-    base = load("formation", ["duration_s=1.0"])
+    base = load("formation", ["duration_s=1.0", *overrides])
     first = base.vehicles[0]
     starts = [first.model_copy(update={"x_m": -GAP * i, "y_m": LANE_Y, "speed_mps": SPEED}) for i in range(vehicles)]
     return base.model_copy(update={"vehicles": tuple(starts), "duration_s": seconds, "name": "made-up"})
 
 
-def write(path, motions, result=None, truth_names=TRUTH_NAMES):
+def write(path, motions, result=None, truth_names=TRUTH_NAMES, overrides=()):
     """Write the log of made-up motion; messages without values of their own carry their start values."""
     codecs = load_codecs(motions.vehicles)
-    scenario = scenario_of(motions.vehicles, motions.cycles * CYCLE_S)
+    scenario = scenario_of(motions.vehicles, motions.cycles * CYCLE_S, overrides)
     writer = RunWriter(
         path,
         codecs=codecs,

@@ -22,6 +22,14 @@ from platoon_fmu.parameters import VehicleParameters
 
 from .conftest import TRUTH_NAMES, WHEELS, Motions, write
 
+OWN = [
+    "planner.comfort.lateral_acceleration_mps2=2.0",
+    "planner.comfort.lateral_jerk_mps3=3.5",
+    "planner.comfort.longitudinal_acceleration_mps2=2.5",
+    "planner.comfort.longitudinal_jerk_mps3=4.0",
+]
+"""Limits of comfort that are not the standard's."""
+
 
 def shaped(vehicles=2, cycles=400, **more):
     """Made-up motion with ground truth given for the last vehicle, 0 for the others."""
@@ -178,6 +186,44 @@ def test_comfort_is_shown_against_its_limits_and_is_no_verdict(run_of):
     assert rows["Acceleration, largest"].met is True
     assert rows["Steering reversals over 2 mrad"].value == "0, 0"
     assert len(rows) == 12
+
+
+def test_a_run_is_shown_against_the_limits_of_its_scenario(run_of):
+    run = run_of(shaped(2, 400, a_y=2.1, a_x=2.4), overrides=OWN)
+    rows = {row.name: row for row in table(compute(run), run.scenario)}
+    shown = {
+        "Lateral acceleration, largest": ("at most 2\u00a0m/s²", False),
+        "Lateral jerk, largest 0.5 s mean": ("at most 3.5\u00a0m/s³", True),
+        "Acceleration, largest": ("at most 2.5\u00a0m/s²", True),
+        "Braking, largest": ("at most 2.5\u00a0m/s²", True),
+        "Longitudinal jerk, largest 0.5 s mean": ("at most 4\u00a0m/s³", True),
+    }
+    assert {name: (rows[name].requirement, rows[name].met) for name in shown} == shown
+    lines = {each["id"]: each["lines"] for each in data_of(run)["figures"] if each["group"] == "Comfort"}
+    assert {name: [line["y"] for line in each] for name, each in lines.items()} == {
+        **{"ay": [2.0, -2.0], "ax": [2.5, -2.5], "jerky": [3.5, -3.5], "jerkx": [4.0, -4.0]}
+    }
+    text = " ".join(CliRunner().invoke(app, ["metrics", str(run.path)]).stdout.split())
+    assert "2.10 !" in text
+    assert "2.40 !" not in text
+    assert "│ limit │ 2 │ 3.5 │ 2.5 │ 2.5 │ 4 │" in text
+
+
+def test_a_run_whose_limits_are_switched_off_is_shown_against_none(run_of):
+    run = run_of(shaped(2, 400, a_y=9.0), overrides=["planner.comfort.enabled=false"])
+    metrics = compute(run)
+    assert metrics.comfort.limits == {}
+    rows = {row.name: row for row in table(metrics, run.scenario) if row.group is Group.COMFORT}
+    assert rows["Lateral acceleration, largest"].value == "0.00, 9.00\u00a0m/s²"
+    assert {(row.requirement, row.met) for row in rows.values()} == {("", None)}
+    figures = [figure for figure in data_of(run)["figures"] if figure["group"] == "Comfort"]
+    assert [figure["lines"] for figure in figures] == [[]] * 4
+    done = CliRunner().invoke(app, ["metrics", str(run.path)])
+    assert "9.00" in done.stdout
+    assert "!" not in done.stdout
+    assert "limit of comfort" not in " ".join(done.stdout.split())
+    told = json.loads(CliRunner().invoke(app, ["metrics", str(run.path), "--json"]).stdout)["comfort"]
+    assert told["limits"] == {}
 
 
 def test_metrics_prints_comfort_and_does_not_fail(run_of):
