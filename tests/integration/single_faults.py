@@ -1,10 +1,13 @@
 """Every kind of fault on every vehicle at several times: how near vehicles come, and when who says what is wrong.
 
 `.venv/bin/python -m tests.integration.single_faults` makes the table of `docs/faults.md`; it runs the bench more than a
-hundred times, on all cores.
+hundred times. Stopped and started again it continues: the result of each run is kept in `build/single-faults` as long
+as no code has changed that a run depends on.
 """
 
 import argparse
+import hashlib
+import json
 import math
 import os
 import sys
@@ -12,12 +15,17 @@ import tempfile
 import warnings
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from itertools import combinations
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from bench.analysis.clearance import clearances
+from bench.analysis.metrics import CLEARANCE_WITH_FAULT_M
+from bench.analysis.motion import motion
+from bench.analysis.requirements import LEAST_DISTANCE_M
+from bench.benchmarks.comfort.runs import ROOT, code_version
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
 from bench.bus.states import Cause
@@ -28,7 +36,7 @@ from bench.scenario import load
 
 VEHICLES = (1, 2, 3)
 TIMES = (0.0, 0.4, 1.0, 2.0, 6.0)
-SAFE_DISTANCE_M = 4.0
+KEPT = ROOT / "build" / "single-faults"
 
 KINDS: dict[str, tuple[str, int | None]] = {
     "Reference lost": ('kind="frame_loss",bus="{bus}",message="Reference"', 0),
@@ -139,18 +147,25 @@ class Outcome:
     """What came of it.
 
     Attributes:
-        least_m: least distance between two vehicles' centres of mass (m).
+        distance_m: least distance between two vehicles' centres of mass (m).
+        clearance_m: least distance between two vehicles' bodies, negative where they overlap (m).
         when_s: when that was (s).
         detected: cycles from the fault's beginning to the first frame that says so; None where none did.
         by: who said so, and what cause: `veh1.tracker ReferenceLost`.
         slowest: the lowest speed of any vehicle at the end (m/s).
     """
 
-    least_m: float
+    distance_m: float
+    clearance_m: float
     when_s: float
     detected: int | None
     by: str
     slowest: float
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether the vehicles stayed as far apart as is required with a fault."""
+        return self.distance_m > LEAST_DISTANCE_M and self.clearance_m >= CLEARANCE_WITH_FAULT_M
 
 
 def examine(case: Case, duration_s: float = 10.0) -> Outcome:
@@ -161,11 +176,12 @@ def examine(case: Case, duration_s: float = 10.0) -> Outcome:
         scenario = load("formation", [f"faults=[{case.fault}]", f"duration_s={duration_s}"])
         run(RunOptions(scenario, address=Address.parse("direct"), out=out, command_line=["single_faults"]))
         recorded = Run(out)
-        truth = [recorded.truth(number) for number in VEHICLES]
-        apart = np.stack([np.hypot(a["X"] - b["X"], a["Y"] - b["Y"]) for a, b in combinations(truth, 2)]).min(axis=0)
+        truth = motion(recorded)
+        distance = min(float(each.min()) for each in truth.distances().values())
+        apart = np.stack([*clearances(truth).values()]).min(axis=0)
         detected, by = _first_word(recorded, case.at_s)
-        slowest = min(float(each["v_x"][-1]) for each in truth)
-        return Outcome(float(apart.min()), float(truth[0]["t"][apart.argmin()]), detected, by, slowest)
+        when = float(truth.t[apart.argmin()])
+        return Outcome(distance, float(apart.min()), when, detected, by, float(truth.v_x[:, -1].min()))
 
 
 def _first_word(recorded: Run, at_s: float) -> tuple[int | None, str]:
@@ -201,11 +217,19 @@ def cases(times: tuple[float, ...] = TIMES, *, every: bool = False) -> Iterator[
                 yield Case(name, vehicle, time)
 
 
-def _job(case: Case) -> tuple[Case, Outcome | str]:
+def _job(case: Case, folder: Path) -> tuple[Case, Outcome | str]:
+    """Return a case with what came of it, which is kept in a folder, or with the error that ended it."""
+    kept = folder / f"{hashlib.sha256(case.fault.encode()).hexdigest()[:16]}.json"
+    if kept.exists():
+        return case, Outcome(**json.loads(kept.read_text(encoding="utf-8")))
     try:
-        return case, examine(case)
+        outcome = examine(case)
     except Exception as error:  # noqa: BLE001 - one run that fails is a line of the table, not its end
         return case, f"{type(error).__name__}: {error}"
+    part = kept.with_suffix(f".{os.getpid()}")
+    part.write_text(json.dumps(asdict(outcome)), encoding="utf-8")
+    part.replace(kept)
+    return case, outcome
 
 
 def main() -> int:
@@ -213,25 +237,32 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--every", action="store_true", help="each fault at each of the times, not at one of them")
     parser.add_argument("--only", default="", help="kinds with this in their name")
+    parser.add_argument("--processes", type=int, default=os.cpu_count(), help="how many runs are made at a time")
     chosen = parser.parse_args()
-    write = sys.stdout.write
-    write("| fault | vehicle | at s | least distance m | at s | first word | after cycles | slowest at the end m/s |\n")
-    write("|---|---|---|---|---|---|---|---|\n")
+    folder = KEPT / code_version()
+    folder.mkdir(parents=True, exist_ok=True)
+    headings = ("fault", "vehicle", "at s", "distance m", "clearance m", "at s", "first word", "cycles", "end m/s")
+    _write_row(*headings)
+    _write_row(*("---" for _ in headings))
     failed = 0
     todo = [case for case in cases(every=chosen.every) if chosen.only in case.name]
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for case, came in pool.map(_job, todo):
-            who = str(case.vehicle) if case.is_of_one else "all"
+    with ProcessPoolExecutor(chosen.processes) as pool:
+        for case, came in pool.map(partial(_job, folder=folder), todo):
+            start = case.name, str(case.vehicle) if case.is_of_one else "all", f"{case.at_s:g}"
             if isinstance(came, str):
                 failed += 1
-                write(f"| {case.name} | {who} | {case.at_s:g} | FAILED | | {came} | | |\n")
+                _write_row(*start, "FAILED", "", "", came, "", "")
                 continue
-            failed += came.least_m <= SAFE_DISTANCE_M
+            failed += not came.is_safe
+            near = (f"{came.distance_m:.2f}", f"{came.clearance_m:.2f}", f"{came.when_s:.2f}")
             after = "" if came.detected is None else str(came.detected)
-            near = f"{came.least_m:.2f} | {came.when_s:.2f}"
-            write(f"| {case.name} | {who} | {case.at_s:g} | {near} | {came.by} | {after} | {came.slowest:.1f} |\n")
-            sys.stdout.flush()
+            _write_row(*start, *near, came.by, after, f"{came.slowest:.1f}")
     return int(failed > 0)
+
+
+def _write_row(*cells: str) -> None:
+    sys.stdout.write(f"| {' | '.join(cells)} |\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
