@@ -5,14 +5,17 @@ when the conductor ends, however that happens. Reports are records in a pipe tha
 guarantees that writes of up to PIPE_BUF bytes are atomic, so records never mix.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import select
 import struct
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench.bus.topic import Topic
 from bench.events import ECU_NOTES, EcuNote
@@ -37,13 +40,12 @@ class Kind(IntEnum):
     """Something is wrong with the values that an ECU sends: the event's kind and all its fields."""
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(NamedTuple):
     """One truth row of one vehicle."""
 
     vehicle: int
     cycle: int
-    values: tuple[float, ...]
+    values: array[float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,7 @@ class ControlChannel:
 
     def truth(self, vehicle: int, cycle: int, values: Sequence[float]) -> None:
         """Report a truth row."""
-        row = _TRUTH.pack(vehicle, cycle) + struct.pack(f"<{len(values)}d", *values)
-        self._write(Kind.TRUTH, row)
+        self._write(Kind.TRUTH, _TRUTH.pack(vehicle, cycle) + array("d", values).tobytes())
 
     def note(self, event: EcuNote) -> None:
         """Report what is to be noted of the values that an ECU sends."""
@@ -116,8 +117,7 @@ class ReportReader:
 def read_truth(payload: bytes) -> Truth:
     """Return the truth row in a record's payload."""
     vehicle, cycle = _TRUTH.unpack_from(payload)
-    count = (len(payload) - _TRUTH.size) // 8
-    return Truth(vehicle, cycle, struct.unpack_from(f"<{count}d", payload, _TRUTH.size))
+    return Truth(vehicle, cycle, array("d", payload[_TRUTH.size :]))
 
 
 def read_note(payload: bytes) -> EcuNote:

@@ -53,6 +53,10 @@ COMPILED: tuple[str, ...] = (
     "bench.ecu.sent_values",
     "bench.ecu.tracker",
     "bench.mcap.records",
+    "bench.plant.actuators",
+    "bench.plant.faults",
+    "bench.plant.fmu",
+    "bench.plant.plant",
     "bench.record.can_frame",
     "bench.record.signals",
 )

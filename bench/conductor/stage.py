@@ -1,11 +1,14 @@
 """The setup of a run: its processes or nodes, and the metadata of its log."""
 
+from __future__ import annotations
+
 import os
 import platform
 import shlex
 import socket
 import sys
-from collections.abc import Mapping, Sequence
+from array import array
+from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -37,7 +40,7 @@ from bench.plant.description import FmuDescription
 BY_HAND = "started by hand"
 """The log's entry for the class of an ECU that the bench did not start."""
 
-_PACKAGES = ("platoon", "numpy", "clarabel", "fmpy", "python-can", "cantools", "mcap")
+_PACKAGES = ("platoon", "numpy", "clarabel", "python-can", "cantools", "mcap")
 
 
 @dataclass(frozen=True)
@@ -138,8 +141,8 @@ class Stage:
         # Imported here because only the process of the plant needs it.
         from bench.plant.main import make_nodes
 
-        def truth(vehicle: int, cycle: int, values: Sequence[float]) -> None:
-            listener.truth(Truth(vehicle, cycle, tuple(values)))
+        def truth(vehicle: int, cycle: int, values: array[float]) -> None:
+            listener.truth(Truth(vehicle, cycle, values))
 
         def link(bus: str) -> Link:
             return open_link(bus, self.address)

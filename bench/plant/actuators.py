@@ -1,10 +1,10 @@
 """A vehicle's actuators: how they apply commands, and what they do without commands."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from bench.bus.codec import DBC_DIR, Codec
-from bench.bus.quantities import COMMANDS
+from bench.bus.quantities import COMMANDS, STEERING, TORQUES_FRONT, TORQUES_REAR
 from bench.bus.states import ActuatorState, CommandState
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
@@ -13,8 +13,7 @@ CENTRING_RADPS = 0.2
 """Rate at which the steering returns to straight in the safe state, slow enough not to upset a vehicle."""
 
 
-@dataclass(frozen=True, slots=True)
-class Applied:
+class Applied(NamedTuple):
     """What acts on the vehicle: road-wheel angle in rad, wheel torques in N m."""
 
     steering_angle: float = 0.0
@@ -51,7 +50,7 @@ class Actuators:
 
     def take(self, commands: Mapping[str, Signals | None]) -> None:
         """Take one cycle's command messages by name; None for one that is missing or damaged."""
-        steering, front, rear = (commands[name] for name in COMMANDS)
+        steering, front, rear = commands[STEERING], commands[TORQUES_FRONT], commands[TORQUES_REAR]
         if steering is None or front is None or rear is None or steering["CommandState"] == CommandState.NONE:
             self.command_state = CommandState.NONE
             self._hold()
@@ -60,11 +59,7 @@ class Actuators:
         self.state = ActuatorState.ACTIVE
         self.command_state = CommandState(int(steering["CommandState"]))
         self.applied = Applied(
-            steering_angle=steering["SteeringAngle"],
-            torque_fl=front["TorqueFL"],
-            torque_rl=rear["TorqueRL"],
-            torque_rr=rear["TorqueRR"],
-            torque_fr=front["TorqueFR"],
+            steering["SteeringAngle"], front["TorqueFL"], rear["TorqueRL"], rear["TorqueRR"], front["TorqueFR"]
         )
 
     def _hold(self) -> None:
@@ -76,4 +71,4 @@ class Actuators:
             self.state = ActuatorState.SAFE
             step = CENTRING_RADPS * CYCLE_S
             angle = self.applied.steering_angle
-            self.applied = replace(Applied(), steering_angle=angle - min(max(angle, -step), step))
+            self.applied = Applied(steering_angle=angle - min(max(angle, -step), step))

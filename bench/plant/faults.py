@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, replace
 
 from bench.errors import RunFailed
 from bench.faults.base import Memory
@@ -25,11 +24,11 @@ class VehicleFaults:
         """Return what the actuators actually apply."""
         changes: dict[str, float] = {}
         for index, fault in self._plan.at(cycle):
-            changes |= fault.on_actuators(self._vehicle, asdict(self._last), self._memories[index])
-        self._last = replace(meant, **changes) if changes else meant
+            changes |= fault.on_actuators(self._vehicle, self._last._asdict(), self._memories[index])
+        self._last = meant._replace(**changes) if changes else meant
         return self._last
 
-    def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> dict[str, float]:
+    def on_inputs(self, cycle: int, acting: Mapping[str, float]) -> Mapping[str, float]:
         """Return the FMU's inputs by name, modified by faults of tyres and road.
 
         Raises:
@@ -43,4 +42,4 @@ class VehicleFaults:
                 raise RunFailed(
                     f"the vehicle's FMU has no input {name}, which a fault sets; build it: platoon fmu build"
                 )
-        return {**acting, **changes}
+        return {**acting, **changes} if changes else acting

@@ -1,24 +1,33 @@
 """One FMU instance for co-simulation, called with preallocated arrays (FMI 2.0.4, section 4).
 
-fmpy loads the library and declares its functions. Its getters and setters allocate new ctypes arrays at every call,
-which costs twice the FMU's step, so the library's functions are called directly with preallocated arguments.
+Getting, setting and stepping are called a hundred times a second: in machine code as C functions, declared in
+`fmi2.pxd`, otherwise by ctypes.
 """
+
+from __future__ import annotations
 
 import hashlib
 import os
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Collection, Mapping
-from ctypes import c_double, c_uint
+from array import array
+from collections.abc import Collection, Mapping
+from ctypes import POINTER, c_double, c_uint, c_void_p, cast
 from pathlib import Path
 from typing import Any
 
-from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import FMU2Slave, fmi2True, fmi2Warning
+import cython
 
 from bench.errors import RunFailed
 from bench.plant.description import FmuDescription
+from bench.plant.library import WARNING, Component, FmiError, failure
+
+if cython.compiled:
+    from cython.cimports.bench.plant.fmi2 import AccessReal, DoStep
+
+_WARNING: int = WARNING
+_TRUE = 1
 
 
 def unpack(fmu: Path) -> Path:
@@ -50,19 +59,37 @@ def unpack(fmu: Path) -> Path:
 
 
 class _Values:
-    """The values of a fixed list of variables, and the arguments that FMI's get and set take for them."""
+    """The values of a fixed list of variables, and the arguments that FMI's get and set take for them.
 
-    def __init__(self, description: FmuDescription, names: Collection[str], component: Any) -> None:
+    Attributes:
+        references: the value reference of each variable.
+        values: the value of each.
+        first_reference, first: pointers to the first of these.
+        count: number of variables.
+    """
+
+    def __init__(self, description: FmuDescription, names: Collection[str]) -> None:
         missing = [name for name in names if name not in description.references]
         if missing:
             raise RunFailed(f"the FMU has no variable {', '.join(missing)}; rebuild it: platoon fmu build")
-        references = (c_uint * len(names))(*(description.references[name] for name in names))
-        self.values = (c_double * len(names))()
-        self.arguments = (component, references, len(names), self.values)
+        self.references = array("I", [description.references[name] for name in names])
+        self.values = array("d", bytes(8 * len(names)))
+        self.count = len(names)
+        references, values = self.references.buffer_info()[0], self.values.buffer_info()[0]
+        if cython.compiled:
+            self.first_reference = cython.cast("unsigned int *", cython.cast(cython.size_t, references))
+            self.first = cython.cast("double *", cython.cast(cython.size_t, values))
+        else:
+            self.first_reference = cast(references, POINTER(c_uint))
+            self.first = cast(values, POINTER(c_double))
 
 
 class FmuInstance:
-    """One vehicle: an instance in the FMU's library."""
+    """One vehicle: an instance in the FMU's library.
+
+    Attributes:
+        name: its name.
+    """
 
     def __init__(self, description: FmuDescription, folder: Path, name: str, start: Mapping[str, float]) -> None:
         """Create the instance `name` of the FMU unpacked in `folder`, with the parameters `start`, at time 0.
@@ -71,67 +98,76 @@ class FmuInstance:
             RunFailed: the FMU has no binary for this machine, or refuses its start values.
         """
         self.name = name
+        self._outputs = _Values(description, description.outputs)
+        self._inputs = _Values(description, description.inputs)
+        parameters = _Values(description, start)
         try:
-            self._slave = FMU2Slave(
-                guid=description.guid,
-                unzipDirectory=str(folder),
-                modelIdentifier=description.model_identifier,
-                instanceName=name,
-            )
-        except Exception as error:
+            self._component = Component(folder, description.model_identifier, description.guid, name)
+        except FmiError as error:
             raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: {error}") from error
+        library, handle = self._component.library, self._component.handle
+        if cython.compiled:
+            self._handle = cython.cast(cython.p_void, cython.cast(cython.size_t, handle))
+            self._get_real = cython.cast(AccessReal, cython.cast(cython.size_t, _place_of(library.fmi2GetReal)))
+            self._set_real = cython.cast(AccessReal, cython.cast(cython.size_t, _place_of(library.fmi2SetReal)))
+            self._do_step = cython.cast(DoStep, cython.cast(cython.size_t, _place_of(library.fmi2DoStep)))
+        else:
+            self._handle = handle
+            self._get_real, self._set_real = library.fmi2GetReal, library.fmi2SetReal
+            self._do_step = library.fmi2DoStep
         try:
-            # With logging on, the FMU prints its error messages, which end up in the reported last output.
-            self._slave.instantiate(loggingOn=True)
-        except Exception as error:
-            raise RunFailed(f"{name}: the FMU cannot be loaded on this machine: it creates no instance") from error
-        library, component = self._slave.dll, self._slave.component
-        self._get_real, self._set_real, self._do_step = library.fmi2GetReal, library.fmi2SetReal, library.fmi2DoStep
-        self._component = component
-        self._outputs = _Values(description, description.outputs, component)
-        self._inputs = _Values(description, description.inputs, component)
-        parameters = _Values(description, start, component)
-        parameters.values[:] = list(start.values())
-        self._call(self._slave.setupExperiment)
-        self._check("fmi2SetReal", self._set_real(*parameters.arguments))
-        self._call(self._slave.enterInitializationMode)
-        self._call(self._slave.exitInitializationMode)
-        self._check("fmi2GetReal", self._get_real(*self._inputs.arguments))
+            self._component.start(parameters.references, list(start.values()))
+        except FmiError as error:
+            raise self._failed(error) from error
+        self._get(self._inputs)
 
-    def outputs(self) -> list[float]:
-        """Return all outputs in the description's order, in the FMU's units.
+    def outputs(self) -> array[float]:
+        """Return all outputs in the description's order, in the FMU's units; they change with the next call.
 
         Raises:
             RunFailed: the FMU cannot calculate them.
         """
-        self._check("fmi2GetReal", self._get_real(*self._outputs.arguments))
-        return self._outputs.values[:]
+        self._get(self._outputs)
+        return self._outputs.values
 
-    def inputs(self) -> list[float]:
-        """Return the inputs as last set, in the description's order."""
-        return self._inputs.values[:]
+    def inputs(self) -> array[float]:
+        """Return the inputs as last set, in the description's order; they change with the next step."""
+        return self._inputs.values
 
-    def step(self, time_s: float, length_s: float, inputs: list[float]) -> None:
+    def step(self, time_s: cython.double, length_s: cython.double, inputs: Collection[float]) -> None:
         """Set all inputs, in the description's order, and advance by `length_s` s from `time_s`.
 
         Raises:
             RunFailed: the FMU does not accept the inputs or the step fails.
         """
-        self._inputs.values[:] = [*inputs]
-        self._check("fmi2SetReal", self._set_real(*self._inputs.arguments))
-        self._check("fmi2DoStep", self._do_step(self._component, time_s, length_s, fmi2True))
+        values = self._inputs
+        for place, value in enumerate(inputs):
+            values.values[place] = value
+        self._check("fmi2SetReal", self._set_real(self._handle, values.first_reference, values.count, values.first))
+        self._check("fmi2DoStep", self._do_step(self._handle, time_s, length_s, _TRUE))
 
     def close(self) -> None:
-        """Free the instance."""
-        self._call(self._slave.terminate)
-        self._slave.freeInstance()
+        """Free the instance.
 
-    def _check(self, function: str, status: int) -> None:
-        if status > fmi2Warning:
-            raise RunFailed(f"the FMU of {self.name} failed: {FMICallException(function, status)}")
-
-    def _call(self, function: Callable[[], Any]) -> None:
+        Raises:
+            RunFailed: it does not terminate.
+        """
         try:
-            function()
-        except FMICallException as error:
-            raise RunFailed(f"the FMU of {self.name} failed: {error}") from error
+            self._component.end()
+        except FmiError as error:
+            raise self._failed(error) from error
+
+    def _get(self, of: _Values) -> None:
+        self._check("fmi2GetReal", self._get_real(self._handle, of.first_reference, of.count, of.first))
+
+    def _check(self, function: str, status: cython.int) -> None:
+        if status > _WARNING:
+            raise self._failed(failure(function, status))
+
+    def _failed(self, error: FmiError) -> RunFailed:
+        return RunFailed(f"the FMU of {self.name} failed: {error}")
+
+
+def _place_of(function: Any) -> int:
+    """Return where a function of a library begins."""
+    return cast(function, c_void_p).value or 0

@@ -6,7 +6,10 @@ messages, applies them and advances to t_k + 10 ms.
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Mapping
+
+import cython
 
 from bench.bus.codec import Codec
 from bench.bus.inbox import Inbox
@@ -26,6 +29,7 @@ from bench.bus.quantities import (
 from bench.bus.topic import Signals, Topic
 from bench.cycle import CYCLE_S, time_of
 from bench.faults.plan import FaultPlan
+from bench.faults.profile import Constant
 from bench.names import vehicle_bus
 from bench.plant.actuators import Actuators
 from bench.plant.description import FmuDescription
@@ -34,6 +38,8 @@ from bench.plant.fmu import FmuInstance
 from bench.scenario import Road, Vehicle
 from platoon_fmu.parameters import VehicleParameters
 
+_ACCELERATION, _HEALTH, _TIMING = "VehicleAcceleration", "PlantBusHealth", "PlantTiming"
+
 MOST_HELD_CYCLES = 255
 """Largest value of the DBC's HeldCycles."""
 
@@ -41,15 +47,30 @@ COLLECT_S = 0.008
 """In real time, when after its BenchSync the plant reads the commands of a cycle: late enough for most to arrive,
 and early enough for a step before the next BenchSync."""
 
-TruthSink = Callable[[int, int, Sequence[float]], None]
+TruthSink = Callable[[int, int, "array[float]"], None]
 """Takes vehicle, cycle and truth row: all outputs, then all inputs of the FMU in its description's order.
 
 The outputs are those at the cycle's time; the inputs are those applied until then, from which the outputs follow.
 """
 
+_STATE: Mapping[str, Mapping[str, str]] = {
+    POSITION: {"X": "X", "Y": "Y"},
+    ATTITUDE: {"Yaw": "psi", "Roll": "phi"},
+    MOTION: {"VelocityX": "v_x", "VelocityY": "v_y", "YawRate": "gamma"},
+    _ACCELERATION: {"AccelerationX": "a_x", "AccelerationY": "a_y"},
+    WHEELS_FRONT: {"WheelSpeedFL": "omega_fl", "WheelSpeedFR": "omega_fr"},
+    WHEELS_REAR: {"WheelSpeedRL": "omega_rl", "WheelSpeedRR": "omega_rr"},
+}
+"""The messages about the vehicle's state: the FMU's output that each signal has."""
+
 
 class VehicleNode:
-    """One vehicle as a node on its bus."""
+    """One vehicle as a node on its bus.
+
+    Attributes:
+        name: its name.
+        links: the vehicle's bus.
+    """
 
     def __init__(
         self,
@@ -67,13 +88,19 @@ class VehicleNode:
         self.name = f"{bus}.plant"
         self._vehicle = vehicle
         self._fmu = fmu
-        self._outputs = description.outputs
+        self._state = tuple(
+            (message, tuple((signal, description.outputs.index(output)) for signal, output in outputs.items()))
+            for message, outputs in _STATE.items()
+        )
         self._inputs = description.inputs
         self._weight = VehicleParameters().M * VehicleParameters().g
         self._road = road
+        self._is_road_constant = all(isinstance(getattr(road, name), Constant) for name in type(road).model_fields)
+        self._influences = self._influences_at(0.0)
         self._bus = bus
-        self._link = link
+        self.links = (link,)
         self._truth = truth
+        self._health_period = codec.period(_HEALTH)
         self._commands = {name: Topic(bus, name) for name in COMMANDS}
         self._inbox = Inbox({bus: link}, {bus: codec}, self._commands.values(), name=self.name, joins=False, plan=plan)
         self._outbox = Outbox(self.name, {bus: link}, {bus: codec}, plan)
@@ -82,11 +109,6 @@ class VehicleNode:
         self._applied = self._actuators.applied
         self._published = -1
         self._step_us = 0.0
-
-    @property
-    def links(self) -> tuple[Link, ...]:
-        """The vehicle's bus."""
-        return (self._link,)
 
     @property
     def wake_at(self) -> float | None:
@@ -134,46 +156,37 @@ class VehicleNode:
             self._step()
         return arrived
 
-    def _publish(self, cycle: int) -> None:
+    def _publish(self, cycle: cython.longlong) -> None:
+        """Send the vehicle's messages of a cycle, and report the truth."""
+        inbox, outbox, bus, actuators = self._inbox, self._outbox, self._bus, self._actuators
         self._published = cycle
         row = self._fmu.outputs()
         self._truth(self._vehicle, cycle, row + self._fmu.inputs())
-        for name, values in self._messages(dict(zip(self._outputs, row, strict=True))).items():
-            self._outbox.put(self._bus, name, values)
-        self._outbox.send(cycle, lockstep=not self._inbox.realtime)
-
-    def _messages(self, output: Mapping[str, float]) -> dict[str, Signals]:
-        """The vehicle's messages by name, from the FMU's outputs."""
-        health = self._inbox.health
-        return {
-            POSITION: {"X": output["X"], "Y": output["Y"]},
-            ATTITUDE: {"Yaw": output["psi"], "Roll": output["phi"]},
-            MOTION: {
-                "VelocityX": output["v_x"],
-                "VelocityY": output["v_y"],
-                "YawRate": output["gamma"],
-            },
-            "VehicleAcceleration": {"AccelerationX": output["a_x"], "AccelerationY": output["a_y"]},
-            WHEELS_FRONT: {"WheelSpeedFL": output["omega_fl"], "WheelSpeedFR": output["omega_fr"]},
-            WHEELS_REAR: {"WheelSpeedRL": output["omega_rl"], "WheelSpeedRR": output["omega_rr"]},
-            ACTUATORS: {
-                "SteeringAngle": self._applied.steering_angle,
-                "ActuatorState": self._actuators.state,
-                "HeldCycles": min(self._actuators.held_cycles, MOST_HELD_CYCLES),
-                "CommandState": self._actuators.command_state,
-            },
-            "PlantBusHealth": {
-                "FramesLost": health.frames_lost,
-                "E2EErrors": health.e2e_errors,
-                **{signal: health.of(self._commands[name]).state for name, signal in COMMAND_RECEPTIONS.items()},
-            },
-            "PlantTiming": {"StepTime": self._step_us},
+        for message, places in self._state:
+            outbox.put(bus, message, {signal: row[place] for signal, place in places})
+        status = {
+            "SteeringAngle": self._applied.steering_angle,
+            "ActuatorState": actuators.state,
+            "HeldCycles": min(actuators.held_cycles, MOST_HELD_CYCLES),
+            "CommandState": actuators.command_state,
         }
+        outbox.put(bus, ACTUATORS, status)
+        if cycle % self._health_period == 0:
+            outbox.put(bus, _HEALTH, self._health())
+        outbox.put(bus, _TIMING, {"StepTime": self._step_us})
+        outbox.send(cycle, lockstep=not inbox.realtime)
+
+    def _health(self) -> Signals:
+        """Return the signals of the message about the plant's end of the bus."""
+        health = self._inbox.health
+        receptions = {signal: health.of(self._commands[name]).state for name, signal in COMMAND_RECEPTIONS.items()}
+        return {"FramesLost": health.frames_lost, "E2EErrors": health.e2e_errors, **receptions}
 
     def _step(self) -> None:
         started = time.perf_counter()
-        cycle = self._inbox.cycle
-        commands = self._inbox.take()
+        inbox = self._inbox
+        cycle = inbox.cycle
+        commands = inbox.take()
         self._actuators.take({name: commands[topic] for name, topic in self._commands.items()})
         self._applied = self._faults.on_actuators(cycle, self._actuators.applied)
         time_s = time_of(cycle)
@@ -183,13 +196,21 @@ class VehicleNode:
 
     def _acting(self, time_s: float) -> dict[str, float]:
         """The FMU's inputs by name: from the actuators, and from the road at `time_s`."""
-        applied, road = self._applied, self._road
+        applied = self._applied
+        influences = self._influences if self._is_road_constant else self._influences_at(time_s)
         return {
             "steering_angle": applied.steering_angle,
             "wheel_torque_fl": applied.torque_fl,
             "wheel_torque_rl": applied.torque_rl,
             "wheel_torque_rr": applied.torque_rr,
             "wheel_torque_fr": applied.torque_fr,
+            **influences,
+        }
+
+    def _influences_at(self, time_s: float) -> dict[str, float]:
+        """The FMU's inputs by name that come from the road at `time_s`, or from nothing."""
+        road = self._road
+        return {
             "lambda_f": road.lambda_f.value(time_s),
             "lambda_r": road.lambda_r.value(time_s),
             "mu": road.mu.value(time_s),

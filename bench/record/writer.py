@@ -13,9 +13,9 @@ host's receive time is in the frame.
 from __future__ import annotations
 
 import logging
-import struct
 import time
 import tomllib
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -132,11 +132,11 @@ class RunWriter:
         self._rest_group = len(codecs) + 2
         self._group = self._groups_of_channels()
         self._pending = FrameBuffer(codecs)
-        self._pending_truth: list[tuple[int, int, bytes]] = []
+        self._pending_truth: list[tuple[int, int, array[float]]] = []
         self._pending_other: list[_Message] = []
         self._pending_bytes = 0
         self._newest = -1
-        self._poses: dict[int, tuple[int, tuple[float, float, float, float]]] = {}
+        self._poses: dict[int, tuple[int, array[float]]] = {}
         self._process_channels: dict[str, int] = {}
         # Channels are numbered from 1.
         self._sequence = np.zeros(self._channels + 1, np.int64)
@@ -186,10 +186,8 @@ class RunWriter:
         """
         if len(values) != self._truth_count:
             raise ValueError(f"truth row of {len(values)} values, not {self._truth_count}")
-        row = struct.pack(f"<{self._truth_count}d", *values)
-        self._make_room(time_ns, len(self._truth_layout.template) + MESSAGE.itemsize)
-        self._pending_truth.append((vehicle, time_ns, row))
-        self._note_pose(vehicle, time_ns, values)
+        self._make_room(time_ns, self._truth_bytes)
+        self._pending_truth.append((vehicle, time_ns, array("d", values)))
 
     def event(self, time_ns: int, event: Event) -> None:
         """Record an event: for people on `/events`, for programs on `/events/data`.
@@ -237,7 +235,7 @@ class RunWriter:
 
     def _encode_pending(self, frames: npt.NDArray[Any]) -> None:
         # If the bus was busy, all frames received may be on the wire only in the next cycle.
-        others = self._pending_other + self._add_frames(frames)
+        others = [*self._pending_other, *self._transforms(), *self._add_frames(frames)]
         self._add_truth()
         self._add_others(others)
         self._pending_truth.clear()
@@ -322,7 +320,7 @@ class RunWriter:
             vehicle: self._file.add_channel(f"/truth/veh{vehicle}", schema, {"vehicle": str(vehicle), **unit_metadata})
             for vehicle in range(1, self._vehicles + 1)
         }
-        self._truth_layout, self._truth_count = layout, len(names)
+        self._truth_count, self._truth_bytes = len(names), len(layout.template) + MESSAGE.itemsize
         self._truth_places = np.array([layout.offset(name) for name in names], np.int64) + MESSAGE.itemsize
         self._truth_template = len(self._payloads)
         self._templates = Templates([*self._payloads, layout.template])
@@ -366,22 +364,23 @@ class RunWriter:
         frames = self._pending.take()
         return frames if self._timeline is None else self._timeline.send(frames, last=last)
 
-    def _note_pose(self, vehicle: int, time_ns: int, values: Sequence[float] | npt.NDArray[np.float64]) -> None:
-        """Write the transforms when every vehicle's pose of this time is known."""
+    def _transforms(self) -> list[_Message]:
+        """Return the transforms of each time at which every vehicle's pose is known, and before the first the scene."""
         if self._pose_columns is None:
-            return
+            return []
         x, y, psi, phi = self._pose_columns
-        self._poses[vehicle] = time_ns, (float(values[x]), float(values[y]), float(values[psi]), float(values[phi]))
-        if len(self._poses) < self._vehicles:
-            return
-        for at, _ in self._poses.values():
-            if at != time_ns:
-                return
-        if not self._scene_written:
-            self._scene_written = True
-            self._other(self._scene_channel, time_ns, foxglove.scene(time_ns, self._vehicles, self._lanes))
-        ordered = [self._poses[number][1] for number in sorted(self._poses)]
-        self._other(self._pose_channel, time_ns, foxglove.transforms(time_ns, ordered))
+        found: list[_Message] = []
+        for vehicle, time_ns, values in self._pending_truth:
+            self._poses[vehicle] = time_ns, values
+            if len(self._poses) < self._vehicles or any(at != time_ns for at, _ in self._poses.values()):
+                continue
+            if not self._scene_written:
+                self._scene_written = True
+                found.append((self._scene_channel, time_ns, foxglove.scene(time_ns, self._vehicles, self._lanes)))
+            rows = [self._poses[number][1] for number in sorted(self._poses)]
+            poses = [(row[x], row[y], row[psi], row[phi]) for row in rows]
+            found.append((self._pose_channel, time_ns, foxglove.transforms(time_ns, poses)))
+        return found
 
     def _guard(self, write: Callable[[], _T]) -> _T:
         """Call `write`; a full disk or similar becomes one clear error, after which nothing more is written."""

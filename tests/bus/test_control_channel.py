@@ -3,6 +3,7 @@
 import os
 import select
 import threading
+from array import array
 
 import pytest
 from hypothesis import given, settings
@@ -31,7 +32,7 @@ def test_truth_rows_come_out_as_they_went_in_however_the_pipe_cuts_them(rows: li
     finally:
         os.close(reader)
         os.close(writer)
-    assert got == [Truth(3, cycle, tuple(row)) for cycle, row in enumerate(rows)]
+    assert got == [Truth(3, cycle, array("d", row)) for cycle, row in enumerate(rows)]
 
 
 def test_reports_of_many_do_not_mix() -> None:
@@ -55,7 +56,7 @@ def test_reports_of_many_do_not_mix() -> None:
     for vehicle in (1, 2, 3):
         mine = [row for row in rows if row.vehicle == vehicle]
         assert [row.cycle for row in mine] == list(range(200))
-        assert {row.values for row in mine} == {(float(vehicle),) * 60}
+        assert {tuple(row.values) for row in mine} == {(float(vehicle),) * 60}
 
 
 def test_the_inputs_of_sixteen_vehicles_fit() -> None:
