@@ -3,6 +3,7 @@
 import pytest
 
 from bench.analysis.metrics import compute
+from bench.analysis.report import data_of
 from bench.analysis.requirements import keeps_clear, keeps_distance, table
 from bench.events import FaultBegins
 from platoon_fmu.parameters import BODY
@@ -64,3 +65,15 @@ def test_a_single_vehicle_has_no_clearance(run_of):
     figures = compute(run_of(Motions(1, 50)))
     assert (figures.least_clearance_m, figures.required_clearance_m) == (None, None)
     assert keeps_clear(figures)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "drawn"),
+    [
+        ([], (1.0, "minimum without a fault")),
+        (['faults=[{kind="v2v_outage",at_s=0.1}]'], (0.3, "minimum with a fault")),
+    ],
+)
+def test_the_figure_has_the_clearance_that_is_required(run_of, overrides, drawn):
+    figures = {each["id"]: each for each in data_of(run_of(Motions(2, 50), overrides=overrides))["figures"]}
+    assert [(line["y"], line["name"]) for line in figures["clearances"]["lines"]] == [drawn]
