@@ -1,8 +1,7 @@
 """Passes complete cycles to the log and counts lost frames and E2E errors."""
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from bench import events
 from bench.bus.codec import Codec
@@ -93,19 +92,27 @@ class Recorder:
         Raises:
             RunFailed: the log cannot be written.
         """
-        with self._recording() as writable:
-            if not writable:
-                return
-            time_ns = number * CYCLE_NS
-            frames = list(frames)
-            self._writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
-            self._note_states(time_ns, due)
-            for row in truth:
-                self._writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
-            for event in (*news, *words):
-                self._writer.event(time_ns, event)
-            for name, usage in self._watch.samples():
-                self._writer.process(name, time_ns, usage)
+        self._write(self._record_cycle, number * CYCLE_NS, frames, due, truth, (*news, *words), received_ns)
+
+    def _record_cycle(
+        self,
+        time_ns: int,
+        frames: Iterable[BusFrame],
+        due: Iterable[BusFrame],
+        truth: Iterable[Truth],
+        told: Iterable[events.Event],
+        received_ns: Sequence[int],
+    ) -> None:
+        writer = self._writer
+        frames = list(frames)
+        writer.frames(time_ns, frames, received_ns or [time.time_ns()] * len(frames))
+        self._note_states(time_ns, due)
+        for row in truth:
+            writer.truth(row.vehicle, row.cycle * CYCLE_NS, row.values)
+        for event in told:
+            writer.event(time_ns, event)
+        for name, usage in self._watch.samples():
+            writer.process(name, time_ns, usage)
 
     def event(self, cycle: int, event: events.Event) -> None:
         """Record an event at the time of a cycle.
@@ -113,9 +120,7 @@ class Recorder:
         Raises:
             RunFailed: the log cannot be written.
         """
-        with self._recording() as writable:
-            if writable:
-                self._writer.event(cycle * CYCLE_NS, event)
+        self._write(self._writer.event, cycle * CYCLE_NS, event)
 
     def close(self, result: Mapping[str, str]) -> None:
         """Close the log with the run's result."""
@@ -129,12 +134,13 @@ class Recorder:
         """E2E errors that plant and ECUs have reported."""
         return self._sum(_ERRORS)
 
-    @contextmanager
-    def _recording(self) -> Iterator[bool]:
-        """Yield whether the log can be written; note a write error, and the processor time used."""
+    def _write(self, write: Callable[..., None], *arguments: object) -> None:
+        """Call `write` unless the log cannot be written; note a write error, and the processor time used."""
+        if self._failed:
+            return
         begun_s = time.thread_time()
         try:
-            yield not self._failed
+            write(*arguments)
         except RunFailed:
             self._failed = True
             raise
@@ -147,21 +153,24 @@ class Recorder:
 
     def _note_states(self, time_ns: int, due: Iterable[BusFrame]) -> None:
         """Record changes of the senders' states and counters in due frames as events."""
-        ids, health_ids, watched = self._ids, self._health_ids, self._states.watched
-        found = [frame for frame in due if frame[1] in ids and (frame[:2] in health_ids or frame[:2] in watched)]
+        ids = self._ids
+        found = [frame for frame in due if frame[1] in ids and self._is_changed(*frame)]
         # Sorted, so that the order of events does not depend on the order of arrival.
         found.sort()
         for bus, can_id, data in found:
-            if (bus, can_id) in health_ids:
+            if (bus, can_id) in self._health_ids:
                 self._note_health(bus, can_id, data, time_ns)
             else:
                 for change in self._states.changes(bus, can_id, data):
                     self._writer.event(time_ns, change)
 
+    def _is_changed(self, bus: str, can_id: int, data: bytes) -> bool:
+        """Return whether a frame of the identifiers `_ids` may have another state or counter than the one before."""
+        if (bus, can_id) in self._health_ids:
+            return data != self._health.get((bus, can_id))
+        return self._states.is_changed(bus, can_id, data)
+
     def _note_health(self, bus: str, can_id: int, data: bytes, time_ns: int) -> None:
-        before = self._health.get((bus, can_id))
-        if data == before:
-            return
         self._health[bus, can_id] = data
         name, counts = self._counts(bus, can_id, data)
         if counts != self._told.get((bus, can_id), dict.fromkeys(_COUNTS, 0)):

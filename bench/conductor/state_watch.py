@@ -65,15 +65,19 @@ class StateWatch:
         self._last: dict[tuple[str, int], tuple[int, int]] = {}
         self._hard: dict[tuple[str, int], bool] = {}
 
+    def is_changed(self, bus: str, can_id: int, data: bytes) -> bool:
+        """Return whether a frame of one of `watched` differs from the one before in what is watched."""
+        place = self.watched.get((bus, can_id))
+        if place is None or len(data) != place.length:
+            return False
+        return int.from_bytes(data, "little") & place.mask != self._bits.get((bus, can_id))
+
     def changes(self, bus: str, can_id: int, data: bytes) -> Iterator[StateChange | CauseChange | HardBraking]:
-        """Yield what changes with a frame; nothing if its length is wrong."""
+        """Yield what changes with a frame of one of `watched`; nothing if its length is wrong."""
+        if not self.is_changed(bus, can_id, data):
+            return
         place = self.watched[bus, can_id]
-        if len(data) != place.length:
-            return
-        number = int.from_bytes(data, "little") & place.mask
-        if number == self._bits.get((bus, can_id)):
-            return
-        self._bits[bus, can_id] = number
+        number = self._bits[bus, can_id] = int.from_bytes(data, "little") & place.mask
         change = self._state_change(bus, can_id, number)
         if change is not None:
             yield change

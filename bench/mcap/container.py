@@ -62,8 +62,9 @@ class McapFile:
         self._schemas: list[Schema] = []
         self._schema_ids: dict[tuple[str, bytes], int] = {}
         self._channels: list[Channel] = []
-        self._declared: set[int] = set()
-        self._declared_schemas: set[int] = set()
+        # As they are in the file; the summary has them once more.
+        self._declared: dict[int, bytes] = {}
+        self._declared_schemas: dict[int, bytes] = {}
         self._counts: dict[int, int] = {}
         self._span: tuple[int, int] | None = None
         self._chunk_indexes = bytearray()
@@ -180,14 +181,12 @@ class McapFile:
             metadata_count=len(self._metadata),
             message_start_time=self._span[0] if self._span else 0,
             message_end_time=self._span[1] if self._span else 0,
-            schema_count=len({self._channels[number - 1].schema_id for number in self._declared} - {0}),
+            schema_count=len(self._declared_schemas),
         )
-        channels = [self._channels[number - 1] for number in sorted(self._declared)]
-        schemas = [self._schemas[number - 1] for number in sorted({c.schema_id for c in channels} - {0})]
         summary, offsets = bytearray(), RecordBuilder()
         groups = (
-            (Opcode.SCHEMA, _encoded(schemas)),
-            (Opcode.CHANNEL, _encoded(channels)),
+            (Opcode.SCHEMA, _in_order(self._declared_schemas)),
+            (Opcode.CHANNEL, _in_order(self._declared)),
             (Opcode.STATISTICS, _encoded([statistics])),
             (Opcode.CHUNK_INDEX, bytes(self._chunk_indexes)),
             (Opcode.ATTACHMENT_INDEX, _encoded(self._attachments)),
@@ -217,13 +216,14 @@ class McapFile:
         for number in (n for n in channels if n not in self._declared):
             channel = self._channels[number - 1]
             if channel.schema_id and channel.schema_id not in self._declared_schemas:
-                self._record(self._schemas[channel.schema_id - 1])
-                self._declared_schemas.add(channel.schema_id)
-            self._record(channel)
-            self._declared.add(number)
+                self._declared_schemas[channel.schema_id] = self._record(self._schemas[channel.schema_id - 1])
+            self._declared[number] = self._record(channel)
 
-    def _record(self, record: McapRecord) -> None:
-        self._write(_encoded([record]))
+    def _record(self, record: McapRecord) -> bytes:
+        """Write a record; return its bytes."""
+        data = _encoded([record])
+        self._write(data)
+        return data
 
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
@@ -240,6 +240,10 @@ def media_type(name: str) -> str:
     """Return the media type of an attachment of this file name."""
     kinds = {".toml": "application/toml", ".xml": "application/xml", ".json": "application/json"}
     return kinds.get(Path(name).suffix, "text/plain")
+
+
+def _in_order(records: Mapping[int, bytes]) -> bytes:
+    return b"".join(records[number] for number in sorted(records))
 
 
 def _encoded(records: Sequence[McapRecord]) -> bytes:
