@@ -223,6 +223,27 @@ class HardBraking(_OfState):
         return "brakes comfortably again"
 
 
+@dataclass(frozen=True)
+class Uncomfortable(_OfState):
+    """A vehicle's measured acceleration or jerk exceeds the limits of comfort, or does so no longer.
+
+    Attributes:
+        level: info.
+        source: the planner that says so, e.g. veh1.planner.
+        begins: whether it begins.
+    """
+
+    kind: ClassVar[str] = "uncomfortable"
+    begins: bool
+
+    @property
+    def text(self) -> str:
+        """See `Event`."""
+        if self.begins:
+            return "measures an acceleration or a jerk above the limits of comfort"
+        return "measures accelerations within the limits of comfort again"
+
+
 def _from_to(before: str, after: str) -> str:
     return after if before == after else f"{before or 'no cause'} -> {after or 'no cause'}"
 

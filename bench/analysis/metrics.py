@@ -70,6 +70,8 @@ class Metrics:
         clearance_steps: cycles, over all vehicles, in which the distance to a vehicle ahead decided a reference; None
             if no planner has reported.
         hard_braking_steps: those of them in which it braked harder than is comfortable.
+        uncomfortable_steps: cycles, over all vehicles, in which a planner measured an acceleration or a jerk above the
+            limits of comfort for another reason; None if not recorded.
         riccati_steps: cycles, over all vehicles, whose feedback gain came from the Riccati equation; None if no tracker
             reported a solve.
         sdp_steps: the same for the semidefinite program, which is solved where the Riccati equation has no answer.
@@ -104,6 +106,7 @@ class Metrics:
     planner_ms: dict[str, float] | None
     clearance_steps: int | None
     hard_braking_steps: int | None
+    uncomfortable_steps: int | None
     riccati_steps: int | None
     sdp_steps: int | None
     fallback_steps: int | None
@@ -158,6 +161,7 @@ def compute(run: Run) -> Metrics:
         planner_ms=step_times_ms(run, "PlannerTiming", "StepTime") or None,
         clearance_steps=None if limits is None else limits[Limit.CLEARANCE] + limits[Limit.HARD_BRAKING],
         hard_braking_steps=None if limits is None else limits[Limit.HARD_BRAKING],
+        uncomfortable_steps=None if limits is None else limits[Limit.COMFORT],
         riccati_steps=None if sources is None else sources[GainSource.RICCATI],
         sdp_steps=None if sources is None else sources[GainSource.SDP],
         fallback_steps=None

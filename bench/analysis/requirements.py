@@ -82,6 +82,7 @@ def table(metrics: Metrics, scenario: Scenario) -> list[Row]:
         Row("Yaw rate error, RMS", _list(metrics.yaw_rate_rmse_radps, 5, "rad/s")),
         Row("Steps limited by the clearance", count_text(metrics.clearance_steps)),
         Row("Steps with hard braking", count_text(metrics.hard_braking_steps)),
+        Row("Steps otherwise uncomfortable", count_text(metrics.uncomfortable_steps)),
         Row("Steps solved by the Riccati equation", count_text(metrics.riccati_steps)),
         Row("Steps solved by the SDP", count_text(metrics.sdp_steps)),
         Row("Steps with a fallback gain", count_text(metrics.fallback_steps)),

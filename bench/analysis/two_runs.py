@@ -51,6 +51,7 @@ _NUMBERS: dict[str, tuple[Callable[[Metrics], Value], int, str]] = {
     "Planner step, median / p99": (lambda m: _times(m.planner_ms), 2, "ms"),
     "Steps limited by the clearance": (lambda m: m.clearance_steps, 0, ""),
     "Steps with hard braking": (lambda m: m.hard_braking_steps, 0, ""),
+    "Steps otherwise uncomfortable": (lambda m: m.uncomfortable_steps, 0, ""),
     "Steps solved by the Riccati equation": (lambda m: m.riccati_steps, 0, ""),
     "Steps solved by the SDP": (lambda m: m.sdp_steps, 0, ""),
     "Steps with a fallback gain": (lambda m: m.fallback_steps, 0, ""),

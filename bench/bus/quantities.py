@@ -18,6 +18,7 @@ from bench.names import V2V
 from platoon_fmu.wheels import FL, FR, RL, RR, WHEEL_NAMES
 
 POSITION, ATTITUDE, MOTION, REFERENCE = "VehiclePosition", "VehicleAttitude", "VehicleMotion", "Reference"
+ACCELERATION = "VehicleAcceleration"
 WHEELS_FRONT, WHEELS_REAR, ACTUATORS = "WheelSpeedsFront", "WheelSpeedsRear", "ActuatorStatus"
 STEERING, TORQUES_FRONT, TORQUES_REAR = "SteeringCommand", "TorqueCommandFront", "TorqueCommandRear"
 COMMANDS = (STEERING, TORQUES_FRONT, TORQUES_REAR)

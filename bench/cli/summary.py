@@ -140,6 +140,7 @@ def _overall(metrics: "Metrics") -> "Table":
             "steps limited by clearance / of them hard braking",
             f"{count_text(metrics.clearance_steps)} / {count_text(metrics.hard_braking_steps)}",
         ),
+        ("steps otherwise uncomfortable", count_text(metrics.uncomfortable_steps)),
         ("steps solved by Riccati / SDP", f"{count_text(metrics.riccati_steps)} / {count_text(metrics.sdp_steps)}"),
         ("fallback steps", count_text(metrics.fallback_steps)),
         ("frames lost", count_text(metrics.frames_lost)),

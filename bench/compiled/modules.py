@@ -20,6 +20,7 @@ COMPILED: tuple[str, ...] = (
     "bench.control.agents",
     "bench.control.boundaries",
     "bench.control.certificate",
+    "bench.control.felt",
     "bench.control.flat_matrices",
     "bench.control.flocking",
     "bench.control.genetic",

@@ -1,4 +1,4 @@
-"""Detects changes of state and cause of ECUs and actuators on the bus, and where a planner brakes hard."""
+"""Detects changes of state and cause on the bus, and where a vehicle brakes hard or feels more than is comfortable."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
@@ -7,11 +7,19 @@ from bench.bus.codec import Codec, SignalBits
 from bench.bus.network import process_of
 from bench.bus.states import ActuatorState, Cause, EcuState
 from bench.control.outcome import Limit
-from bench.events import CauseChange, HardBraking, StateChange
+from bench.events import CauseChange, HardBraking, StateChange, Uncomfortable
 from bench.names import ACTUATORS, PLANT
 
 _STATES = {"PlannerStatus": "State", "TrackerStatus": "State", "ActuatorStatus": "ActuatorState"}
 """The messages with a state, and its signal."""
+
+Change = StateChange | CauseChange | HardBraking | Uncomfortable
+
+_TOLD: Mapping[Limit, type[HardBraking] | type[Uncomfortable]] = {
+    Limit.HARD_BRAKING: HardBraking,
+    Limit.COMFORT: Uncomfortable,
+}
+"""The limits of a planner that have an event when they begin and end."""
 
 _CAUSE = "Cause"
 _LIMIT = "Limit"
@@ -63,7 +71,7 @@ class StateWatch:
                 self.watched[bus, codec.can_id(name)] = _watched(bus, name, codec)
         self._bits: dict[tuple[str, int], int] = {}
         self._last: dict[tuple[str, int], tuple[int, int]] = {}
-        self._hard: dict[tuple[str, int], bool] = {}
+        self._limits: dict[tuple[str, int], int] = {}
 
     def is_changed(self, bus: str, can_id: int, data: bytes) -> bool:
         """Return whether a frame of one of `watched` differs from the one before in what is watched."""
@@ -72,7 +80,7 @@ class StateWatch:
             return False
         return int.from_bytes(data, "little") & place.mask != self._bits.get((bus, can_id))
 
-    def changes(self, bus: str, can_id: int, data: bytes) -> Iterator[StateChange | CauseChange | HardBraking]:
+    def changes(self, bus: str, can_id: int, data: bytes) -> Iterator[Change]:
         """Yield what changes with a frame of one of `watched`; nothing if its length is wrong."""
         if not self.is_changed(bus, can_id, data):
             return
@@ -81,10 +89,14 @@ class StateWatch:
         change = self._state_change(bus, can_id, number)
         if change is not None:
             yield change
-        hard = place.limit is not None and place.limit.value(number) == Limit.HARD_BRAKING
-        if hard != self._hard.get((bus, can_id), False):
-            self._hard[bus, can_id] = hard
-            yield HardBraking("info", place.source, hard)
+        if place.limit is None:
+            return
+        limit = place.limit.value(number)
+        before = self._limits.get((bus, can_id), Limit.NONE)
+        self._limits[bus, can_id] = limit
+        for value, event in _TOLD.items():
+            if (limit == value) != (before == value):
+                yield event("info", place.source, limit == value)
 
     def _state_change(self, bus: str, can_id: int, number: int) -> StateChange | CauseChange | None:
         place = self.watched[bus, can_id]

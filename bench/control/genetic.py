@@ -39,7 +39,7 @@ BEYOND = 2.0
 """How far a child can lie from the worse parent, in distances to the better one."""
 
 
-NOTICEABLE = 0.02
+NOTICEABLE = 0.05
 """Fraction by which a cost must fall for the gains to change."""
 
 UNNOTICED = 1e-4

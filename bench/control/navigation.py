@@ -35,6 +35,10 @@ PER_BUILD_UP = 1.2
 """The speed's rate times the time in which the largest acceleration builds up with the largest jerk, at most: a motion
 with less jerk needs more foresight."""
 
+LEAD_BUILD_UP_S = 0.8
+"""Time (s) after the start of a lane change, and before its end, in which the lead grows from nothing and falls to it:
+the acceleration has no step."""
+
 
 @dataclass(frozen=True)
 class MotionLimits:
@@ -70,10 +74,13 @@ class NavigationTarget:
     Args:
         limits: of the motion.
         step_s: T, s.
+        lead_s: time by which the lateral acceleration is ahead of the motion, because a vehicle's course follows its
+            yaw with such a lag, s.
     """
 
-    def __init__(self, limits: MotionLimits, step_s: float) -> None:
+    def __init__(self, limits: MotionLimits, step_s: float, lead_s: float = 0.0) -> None:
         self.limits = limits
+        self._lead_s = lead_s
         self._longitudinal = limits.longitudinal
         self._speed_rate = min(SPEED_RATE, PER_BUILD_UP * limits.longitudinal_jerk / limits.longitudinal)
         self._closing_rate = CLOSING_RATE * self._speed_rate / SPEED_RATE
@@ -116,13 +123,17 @@ class NavigationTarget:
         return min(max(a, -self._longitudinal), self._longitudinal)
 
     @cython.ccall
-    def advance(self, slot_x: cython.double, slot_speed: cython.double, most: cython.double) -> cython.void:
+    def advance(
+        self, slot_x: cython.double, slot_speed: cython.double, least: cython.double, most: cython.double
+    ) -> cython.void:
         """Move one step towards a slot.
 
         Args:
             slot_x: its position, m.
             slot_speed: its velocity, m/s.
-            most: largest acceleration that keeps clear of others, m/s^2; harder braking than the limit is immediate.
+            least: least acceleration that lets those behind brake comfortably, m/s^2.
+            most: largest acceleration that keeps clear of those ahead, m/s^2; braking harder than the limit is
+                immediate.
         """
         step_s: cython.double = self._step_s
         self.x += step_s * (self.v_x + 0.5 * step_s * self.a_x)
@@ -130,7 +141,7 @@ class NavigationTarget:
         if most < -self._longitudinal:
             self._ramp.put(most)
         else:
-            self._ramp.towards(min(self.wanted(slot_x - self.x, self.v_x - slot_speed), most))
+            self._ramp.towards(min(max(self.wanted(slot_x - self.x, self.v_x - slot_speed), least), most))
         self.a_x = self._ramp.value
         self._across()
 
@@ -147,6 +158,9 @@ class NavigationTarget:
         if self.changing:
             self.changing_s += step_s
             self.y, self.v_y, self.a_y = self._change.at(self.changing_s)
+            left_s: cython.double = max(self._change.duration_s - self.changing_s, 0.0)
+            share: cython.double = min(1.0, self.changing_s / LEAD_BUILD_UP_S, left_s / LEAD_BUILD_UP_S)
+            _, _, self.a_y = self._change.at(self.changing_s + share * self._lead_s)
         else:
             self.y += step_s * self.v_y
             self.v_y -= step_s * SPEED_RATE * self.v_y

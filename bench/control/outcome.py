@@ -18,6 +18,8 @@ class Limit(enum.IntEnum):
     """The distance to a vehicle ahead; within the limits of comfort."""
     HARD_BRAKING = 6
     """The distance to a vehicle ahead, where comfortable braking does not keep it."""
+    COMFORT = 7
+    """None; but the vehicle's measured acceleration, or its jerk, exceeds the limits of comfort."""
 
 
 class SolverStatus(enum.IntEnum):

@@ -66,9 +66,6 @@ CLOSING_RATE = 1.0
 CALM = 0.65
 """kappa times the time in which the comfortable braking builds up, at most."""
 
-NOTICE_S = 0.2
-"""Time (s) until a vehicle that brakes is seen to brake."""
-
 ASIDE_M = 1.0
 """Clearance (m) between the corridors of vehicles that are abreast in neighbouring lanes."""
 
@@ -81,8 +78,11 @@ REFERENCE_SHARE = 0.95
 JERK_SHARE = 0.9
 """Fraction of the jerks for both: a car that coasts has an acceleration before its first reference."""
 
-BOUNDARY_SHARE = 0.8
+TARGET_BOUNDARY_SHARE = 0.8
 """Fraction of the yaw rate's boundary for the navigation target."""
+
+REFERENCE_BOUNDARY_SHARE = 0.95
+"""Fraction of the yaw rate's boundary for the reference, which corrects what the vehicle's side slip leaves."""
 
 BRISK_JERK_MPS3 = 20.0
 """Jerk (m/s^3) without comfort limits."""
@@ -182,6 +182,17 @@ def coasting(vehicle: VehicleParameters, v_x: float) -> float:
     return vehicle.mu_d * vehicle.g + vehicle.C_a * v_x * v_x / vehicle.M
 
 
+def course_lag(vehicle: VehicleParameters, speed: float) -> float:
+    """Return the time (s) by which a vehicle's course lags behind its yaw, with the softest tyres expected.
+
+    The course angle is yaw plus side slip. In steady cornering the side-slip angle is -lag times the yaw rate, with
+    lag = M l_f v / (2 C_r (l_f + l_r)) - l_r / v: the rear tyres' slip angle less that of turning about the rear axle.
+    """
+    rear_stiffness = 2.0 * vehicle.C_r * (1.0 - vehicle.cornering_variation)
+    wheelbase = vehicle.l_f + vehicle.l_r
+    return max(vehicle.M * vehicle.l_f * speed / (rear_stiffness * wheelbase) - vehicle.l_r / speed, 0.0)
+
+
 class Planner:
     """Plans one vehicle's speed and yaw-rate reference.
 
@@ -248,8 +259,13 @@ class Planner:
         self._rejoining = False
         self._cycle: int | None = None
         self.slots: dict[int, int] = {}
-        target, self._comfort = self._motion_limits(TARGET_SHARE), self._motion_limits(REFERENCE_SHARE)
-        self._navigation: NavigationTarget = NavigationTarget(target, step_s)
+        target, self._comfort = (
+            self._motion_limits(TARGET_SHARE, TARGET_BOUNDARY_SHARE),
+            self._motion_limits(REFERENCE_SHARE, REFERENCE_BOUNDARY_SHARE),
+        )
+        self._navigation: NavigationTarget = NavigationTarget(
+            target, step_s, course_lag(vehicle, goal.speed) + RESPONSE_S
+        )
         self._navigates = False
         self._vehicle = vehicle
         self._acceleration: Ramp = Ramp(self._comfort.longitudinal_jerk, step_s)
@@ -259,14 +275,13 @@ class Planner:
             Separation(settings.clearance_m, RESPONSE_S, hardest, min(CLOSING_RATE, CALM / build_up_s), ASIDE_M),
             goal.lane_y,
             self._comfort.longitudinal,
-            NOTICE_S + 0.5 * build_up_s,
             step_s,
         )
 
-    def _motion_limits(self, share: float) -> MotionLimits:
-        """Return the limits of motions: a fraction of those for comfort, or the stability boundaries alone."""
+    def _motion_limits(self, share: float, boundary_share: float) -> MotionLimits:
+        """Return the limits of motions: a fraction of those for comfort, and of the stability boundaries."""
         comfort, boundaries = self.settings.comfort, self._limits
-        lateral = BOUNDARY_SHARE * boundaries.share * boundaries.lateral_max
+        lateral = boundary_share * boundaries.share * boundaries.lateral_max
         longitudinal = boundaries.acceleration_max
         if not comfort.enabled:
             return MotionLimits(lateral, BRISK_JERK_MPS3, longitudinal, BRISK_JERK_MPS3)
@@ -385,7 +400,8 @@ class Planner:
         self._navigate(q_x, q_y, p_x, p_y, place)
         most: cython.double = self._right_of_way.most(place, changing=navigation.changing)
         if braking is None:
-            navigation.advance(target[0] + length, self._goal.speed, most)
+            least: cython.double = self._right_of_way.least(place, changing=navigation.changing)
+            navigation.advance(target[0] + length, self._goal.speed, least, most)
         else:
             most = min(most, -braking)
             navigation.fall_back(q_x, p_x, most)
@@ -455,10 +471,12 @@ class Planner:
         """
         comfort = self._comfort
         limits: Boundaries = self._limits
-        held = most < v_rate
         hard = most < -comfort.longitudinal
+        held = most < v_rate
+        if hard or self._acceleration.value < -comfort.longitudinal:
+            limits = self._emergency_limits
         if hard:
-            v_rate, limits = most, self._emergency_limits
+            v_rate = most
             self._acceleration.put(v_rate)
         else:
             v_rate = min(max(min(v_rate, most), -comfort.longitudinal), comfort.longitudinal)
@@ -468,8 +486,10 @@ class Planner:
         gamma_rate = min(max(gamma_rate, -swing), swing)
         gamma_rate = min(max(gamma_rate, (-largest - gamma) / self._step_s), (largest - gamma) / self._step_s)
         v, gamma, bound = admissible(v, gamma, v_rate, gamma_rate, self._step_s, limits)
-        if held and (bound == Limit.NONE or bound == Limit.ACCELERATION):
-            bound = Limit.HARD_BRAKING if hard else Limit.CLEARANCE
+        if hard:
+            bound = Limit.HARD_BRAKING
+        elif held and (bound == Limit.NONE or bound == Limit.ACCELERATION):
+            bound = Limit.CLEARANCE
         return v, gamma, bound
 
     @property

@@ -48,16 +48,14 @@ class RightOfWay:
     Args:
         separation: the distance to keep.
         lane_y: the platoon's lane, m.
-        braking: largest comfortable braking, m/s^2.
-        after_s: time in which it builds up, s.
+        braking: largest comfortable braking and acceleration, m/s^2.
         step_s: T, s.
     """
 
-    def __init__(self, separation: Separation, lane_y: float, braking: float, after_s: float, step_s: float) -> None:
+    def __init__(self, separation: Separation, lane_y: float, braking: float, step_s: float) -> None:
         self._separation = separation
         self._lane_y = lane_y
         self._braking = braking
-        self._after_s = after_s
         self._step_s = step_s
         self._others: Mapping[int, Place] = {}
         self._staying: Collection[int] = ()
@@ -76,7 +74,7 @@ class RightOfWay:
     def most(self, own: Place, *, changing: bool) -> float:
         """Return the largest acceleration (m/s^2) with which the vehicle keeps clear of those ahead in its corridor.
 
-        It asks for more than comfortable braking only where that would not keep the clearance.
+        It asks for more than comfortable braking only where that does not keep the clearance; for as much as does.
 
         Args:
             own: own place.
@@ -88,10 +86,27 @@ class RightOfWay:
             if other.X < own.X or not self._meets(own, other, changing, number not in self._staying):
                 continue
             distance = other.X - own.X
-            a = separation.acceleration(distance, own.v_x, other.v_x, self._accelerations[number])
-            gentle = separation.suffices(distance, own.v_x, other.v_x, self._braking, self._after_s)
-            most = min(most, max(a, -self._braking if gentle else -separation.braking))
+            a_other = self._accelerations[number]
+            a = separation.acceleration(distance, own.v_x, other.v_x, a_other)
+            needed = separation.needed(distance, own.v_x, other.v_x, a_other)
+            most = min(most, max(a, -max(self._braking, needed)))
         return most
+
+    def least(self, own: Place, *, changing: bool) -> float:
+        """Return the least acceleration (m/s^2) with which those behind keep clear by braking comfortably.
+
+        Args:
+            own: own place.
+            changing: whether the own corridor reaches to the platoon's lane.
+        """
+        separation: Separation = self._separation
+        least = -1e3
+        for number, other in self._others.items():
+            if other.X > own.X or not self._meets(own, other, changing, number not in self._staying):
+                continue
+            needed = separation.needed(own.X - other.X, other.v_x, own.v_x, 0.0)
+            least = max(least, min(needed - self._braking, self._braking))
+        return least
 
     def may_change(self, own: Place, a: float, ahead: Collection[int]) -> bool:
         """Return whether the vehicle may begin to change to the platoon's lane.

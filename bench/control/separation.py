@@ -71,26 +71,26 @@ class Separation:
 
     @cython.ccall
     @cython.exceptval(check=False)
-    def suffices(
-        self,
-        distance: cython.double,
-        v_follower: cython.double,
-        v_leader: cython.double,
-        braking: cython.double,
-        after_s: cython.double,
-    ) -> cython.bint:
-        """Return whether a braking keeps the clearance to a leader of constant speed.
+    def needed(
+        self, distance: cython.double, v_follower: cython.double, v_leader: cython.double, a_leader: cython.double
+    ) -> cython.double:
+        """Return the constant braking (m/s^2) of the follower that just keeps the clearance if the leader goes on so.
+
+        It is 0 for a follower that is not faster, and at most the hardest braking.
 
         Args:
             distance: between centres of mass along the road, m.
             v_follower: speed of the one behind, m/s.
             v_leader: speed of the one ahead, m/s.
-            braking: m/s^2.
-            after_s: time from now to the braking, s.
+            a_leader: acceleration of the one ahead, m/s^2.
         """
-        closing: cython.double = max(v_follower - v_leader, 0.0)
-        way: cython.double = after_s * closing + closing * closing / (2.0 * braking)
-        return distance - _LENGTH - self.clearance >= way
+        closing: cython.double = v_follower - v_leader
+        if closing <= 0.0:
+            return 0.0
+        room: cython.double = distance - _LENGTH - self.clearance - closing * self.response_s
+        if room <= 0.0:
+            return self.braking
+        return min(max(closing * closing / (2.0 * room) - a_leader, 0.0), self.braking)
 
     @cython.ccall
     @cython.exceptval(check=False)

@@ -5,10 +5,12 @@ from collections.abc import Mapping
 from time import perf_counter
 
 from bench.bus.network import EcuSlot
-from bench.bus.quantities import ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
+from bench.bus.quantities import ACCELERATION, ACTUATORS, REFERENCE, SENSORS, Peer, Reference, broadcast, bus_health
 from bench.bus.reception import Health, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import Outgoing, Signals, Topic
+from bench.control.felt import Felt
+from bench.control.outcome import Limit
 from bench.control.planner import Motion, Planner, PlannerOutput, PlatoonGoal
 from bench.cycle import CYCLE_S
 from bench.ecu.following import Following
@@ -78,7 +80,7 @@ class PlannerEcu:
         }
         self._peers = {number: PeerWatch(number) for number in self._grid if number != vehicle}
         self._peer_topics = tuple(topic for peer in self._peers.values() for topic in peer.topics)
-        self._own_topics = {message: Topic(self._bus, message) for message in (*SENSORS, ACTUATORS)}
+        self._own_topics = {message: Topic(self._bus, message) for message in (*SENSORS, ACTUATORS, ACCELERATION)}
         self.inputs: tuple[Topic, ...] = (
             *self._own_topics.values(),
             *self._peer_topics,
@@ -86,6 +88,9 @@ class PlannerEcu:
         self._broadcast_topics = broadcast(vehicle)
         self._own = OwnMotion(VehicleParameters())
         self._following = Following()
+        comfort = scenario.planner.comfort
+        self._felt: Felt | None = Felt(comfort, CYCLE_S) if comfort.enabled else None
+        self._uncomfortable = False
         # After this wait for all vehicles to be heard, slots are assigned by the start grid.
         self._wait_cycles = timeout_cycles("v2v.dbc", broadcast(vehicle).position.message)
         self._first_cycle: int | None = None
@@ -107,6 +112,7 @@ class PlannerEcu:
         for peer in self._peers.values():
             peer.update(inputs, health, cycles)
         own = self._listen(inputs, cycles)
+        self._feel(inputs[self._own_topics[ACCELERATION]], cycles)
         cause, manoeuvre = self._own.cause, Manoeuvre.NONE
         if own is not None:
             motion, v_x = own
@@ -125,11 +131,25 @@ class PlannerEcu:
 
     def _listen(self, inputs: Mapping[Topic, Signals | None], cycles: int) -> tuple[Motion, float] | None:
         """Return own motion and v_x, or None while they are unknown."""
-        frames = {message: inputs[topic] for message, topic in self._own_topics.items()}
+        frames = {message: inputs[self._own_topics[message]] for message in SENSORS}
         state = self._own.update(frames, cycles)
         if state is None:
             return None
         return Motion(state.x, state.y, state.speed, state.course, state.yaw_rate), state.v_x
+
+    def _feel(self, acceleration: Signals | None, cycles: int) -> None:
+        """Compare the measured acceleration with the limits of comfort."""
+        if self._felt is None:
+            return
+        if acceleration is None or cycles != 1:
+            self._felt.forget()
+        self._uncomfortable = acceleration is not None and self._felt.exceeds(
+            acceleration["AccelerationX"], acceleration["AccelerationY"]
+        )
+
+    def _limit(self, limit: Limit) -> Limit:
+        """Return what to say of the reference and of what the vehicle feels."""
+        return Limit.COMFORT if self._uncomfortable and limit is not Limit.HARD_BRAKING else limit
 
     def _take_slot(self, cycle: int, time_s: float, own: Motion) -> None:
         """Join an existing platoon; else assign slots by the first broadcasts, or after a timeout by the start grid."""
@@ -249,7 +269,7 @@ class PlannerEcu:
             status |= {
                 "Slot": plan.slot,
                 "Neighbours": plan.neighbours,
-                "Limit": plan.limit,
+                "Limit": self._limit(plan.limit),
                 "BoundaryMargin": plan.margin,
                 "OptimisationCost": plan.cost,
             }

@@ -4,14 +4,14 @@ import pytest
 
 from bench.bus.codec import load_codecs
 from bench.bus.states import Cause, EcuState
-from bench.conductor.state_watch import StateWatch
+from bench.conductor.state_watch import Change, StateWatch
 from bench.control.outcome import Limit
-from bench.events import CauseChange, HardBraking, StateChange
+from bench.events import CauseChange, HardBraking, StateChange, Uncomfortable
 
 CODECS = load_codecs(1)
 
 
-def shown(watch: StateWatch, message: str, **signals: float) -> StateChange | CauseChange | HardBraking | None:
+def shown(watch: StateWatch, message: str, **signals: float) -> Change | None:
     codec = CODECS["veh1"]
     found = list(watch.changes("veh1", *codec.encode(message, {**codec.start_values(message), **signals})))
     assert len(found) <= 1
@@ -80,6 +80,8 @@ def test_braking_harder_than_is_comfortable_is_told_when_it_begins_and_ends() ->
     ends = shown(watch, "PlannerStatus", Limit=Limit.NONE)
     assert ends == HardBraking("info", "veh1.planner", False)
     assert ends.text == "brakes comfortably again"
+    assert shown(watch, "PlannerStatus", Limit=Limit.COMFORT) == Uncomfortable("info", "veh1.planner", True)
+    assert shown(watch, "PlannerStatus", Limit=Limit.CLEARANCE) == Uncomfortable("info", "veh1.planner", False)
     codec = CODECS["veh1"]
     values = {**codec.start_values("PlannerStatus"), "State": EcuState.RUN, "Limit": Limit.HARD_BRAKING}
     both = list(watch.changes("veh1", *codec.encode("PlannerStatus", values)))

@@ -12,13 +12,15 @@ LIMITS = MotionLimits(lateral=2.6, lateral_jerk=5.0, longitudinal=2.6, longitudi
 SPEED = 20.0
 
 
-def trail(target: NavigationTarget, slot_x: float, seconds: float, most: float = 1e3) -> np.ndarray:
+def trail(
+    target: NavigationTarget, slot_x: float, seconds: float, least: float = -1e3, most: float = 1e3
+) -> np.ndarray:
     """Return x - slot, v_x - speed, a_x, y, v_y, a_y of each cycle, (n, 6)."""
     rows = []
     for cycle in range(round(seconds / T)):
         slot = slot_x + SPEED * T * cycle
         rows.append((target.x - slot, target.v_x - SPEED, target.a_x, target.y, target.v_y, target.a_y))
-        target.advance(slot + SPEED * T, SPEED, most)
+        target.advance(slot + SPEED * T, SPEED, least, most)
     return np.array(rows)
 
 
@@ -56,10 +58,29 @@ def test_it_keeps_to_what_others_leave_it():
     assert rows[-1, 2] == pytest.approx(-1.0)
 
 
+def test_it_leaves_those_behind_what_they_need_unless_it_must_keep_clear_itself():
+    target = NavigationTarget(LIMITS, T)
+    target.start(20.0, 0.0, SPEED, 0.0, 0.0)
+    assert trail(target, 0.0, 2.0, least=0.5)[-1, 2] == pytest.approx(0.5)
+    target.start(20.0, 0.0, SPEED, 0.0, 0.0)
+    assert trail(target, 0.0, 2.0, least=0.5, most=-1.0)[-1, 2] == pytest.approx(-1.0)
+
+
+@given(st.floats(0.0, 0.4), st.floats(-14.0, 14.0))
+def test_its_lead_makes_no_step_in_the_lateral_acceleration(lead_s, lane_y):
+    target = NavigationTarget(LIMITS, T, lead_s)
+    target.start(0.0, 0.0, SPEED, 0.0, 0.0)
+    target.change_to(lane_y)
+    a_y = trail(target, 0.0, 15.0)[:, 5]
+    assert np.abs(np.diff(a_y)).max() <= 1.6 * LIMITS.lateral_jerk * T
+    assert np.abs(a_y).max() <= 1.05 * LIMITS.lateral
+    assert a_y[-1] == 0.0
+
+
 def test_harder_braking_than_its_limit_is_immediate():
     target = NavigationTarget(LIMITS, T)
     target.start(-20.0, 0.0, SPEED, 0.0, 0.0)
-    target.advance(0.0, SPEED, -4.5)
+    target.advance(0.0, SPEED, -1e3, -4.5)
     assert target.a_x == -4.5
 
 
@@ -81,7 +102,7 @@ def test_what_it_says_of_the_future_comes_true_while_the_acceleration_is_constan
     cycles = round(seconds / T)
     told = target.ahead(cycles * T)
     for cycle in range(cycles):
-        target.advance(SPEED * T * (cycle + 1), SPEED, 1e3)
+        target.advance(SPEED * T * (cycle + 1), SPEED, -1e3, 1e3)
     assert told == pytest.approx((target.x, target.y, target.v_x, target.v_y, target.a_x, target.a_y), abs=1e-9)
 
 

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 
 from bench.control.outcome import Limit
 from bench.control.planner import (
+    RESPONSE_S,
     Motion,
     Planner,
     PlannerOutput,
     PlatoonGoal,
+    course_lag,
     slot_order,
 )
 from bench.control.settings import GeneticSettings, PlannerSettings, planning_cycles
@@ -40,9 +42,15 @@ STARTS = {1: straight_on(8.0, 0.0, 20.0), 2: straight_on(0.0, 3.5, 22.0), 3: str
 class Formation:
     """Vehicles that follow their planners' references exactly, as unicycles, and hear each other at once."""
 
-    def __init__(self, starts: dict[int, Motion], goal: PlatoonGoal = GOAL, seed: int = 1) -> None:
+    def __init__(
+        self,
+        starts: dict[int, Motion],
+        goal: PlatoonGoal = GOAL,
+        seed: int = 1,
+        chosen: PlannerSettings | None = None,
+    ) -> None:
         self.motion = dict(starts)
-        self.planners = {n: planner(n, len(starts), seed, goal=goal) for n in starts}
+        self.planners = {n: planner(n, len(starts), seed, chosen, goal) for n in starts}
         for each in self.planners.values():
             each.assign_slots(starts, 0.0)
         self.outputs: list[dict[int, PlannerOutput]] = []
@@ -266,18 +274,43 @@ def test_gains_are_searched_at_every_planning_interval_and_held_between() -> Non
 def test_gains_in_use_go_a_share_of_the_way_to_the_optimised_ones() -> None:
     lower, upper = GeneticSettings().bounds()
     middle = 0.5 * (lower + upper)
-    peers = {n: STARTS[n] for n in (2, 3)}
 
     def first_gains(share: float) -> np.ndarray:
-        each = planner(1, chosen=PlannerSettings(gain_share=share))
-        each.assign_slots(STARTS, 0.0)
-        each.step(0, 0.0, STARTS[1], 20.0, peers)
-        # A gust has moved it from its navigation target.
-        return np.array(each.step(5, 0.05, straight_on(8.0, 0.9), 20.0, peers).gains)
+        formed = Formation(STARTS, chosen=PlannerSettings(gain_share=share))
+        formed.run(3.0)
+        found = (np.array(gains) for out in formed.outputs for gains in [out[n].gains for n in out])
+        return next(gains for gains in found if np.abs(gains - middle).max() > 0.01)
 
     optimised = first_gains(1.0)
-    assert np.abs(optimised - middle).max() > 0.01
     np.testing.assert_allclose(first_gains(0.25), middle + 0.25 * (optimised - middle), rtol=1e-12)
+
+
+def deviation(lag_s: float, speed: float) -> float:
+    """Return how far (m) a car is from its target at most, if its course is late by a multiple of its yaw rate."""
+    each = planner(1, 1, goal=PlatoonGoal(lane_y=7.0, speed=speed, gap=10.0))
+    X = Y = yaw = yaw_rate = most = 0.0
+    each.assign_slots({1: Motion(X, Y, speed, 0.0, 0.0)}, 0.0)
+    for cycle in range(600):
+        course = yaw - lag_s * yaw_rate
+        out = each.step(cycle, cycle * T, Motion(X, Y, speed, course, yaw_rate), speed, {})
+        most = max(most, abs(each._navigation.y - Y - each.settings.near_identity_length_m * math.sin(course)))
+        X, Y, yaw = X + T * speed * math.cos(course), Y + T * speed * math.sin(course), yaw + T * yaw_rate
+        yaw_rate = out.yaw_rate
+    return most
+
+
+@pytest.mark.parametrize("speed", [20.0, 28.0])
+def test_a_vehicle_follows_its_target_although_its_course_lags(speed: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    lag_s = course_lag(VehicleParameters(), speed) + RESPONSE_S
+    with_lead = deviation(lag_s, speed)
+    monkeypatch.setattr("bench.control.planner.course_lag", lambda *_: -RESPONSE_S)
+    assert with_lead < 0.9 * deviation(lag_s, speed)
+
+
+def test_the_course_lags_less_when_slow() -> None:
+    lags = [course_lag(VehicleParameters(), speed) for speed in (1.0, 10.0, 15.0, 20.0, 30.0)]
+    assert lags == sorted(lags)
+    assert lags[0] == 0.0
 
 
 def test_gains_in_use_are_always_ones_of_the_flocking_law() -> None:
@@ -296,7 +329,7 @@ def test_gains_in_use_are_always_ones_of_the_flocking_law() -> None:
 def test_same_seed_gives_the_same_run_and_another_seed_another() -> None:
     def trace(seed: int) -> list[tuple[float, float]]:
         formed = Formation(STARTS, seed=seed)
-        formed.run(0.5)
+        formed.run(1.5)
         return [(out[n].v_x, out[n].yaw_rate) for out in formed.outputs for n in out]
 
     assert trace(1) == trace(1)

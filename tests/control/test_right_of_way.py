@@ -22,7 +22,7 @@ SEPARATION = Separation(1.2, 0.04, HARD, 1.0, 1.0)
 
 
 def rules(others: dict[int, Place], staying: set[int]) -> RightOfWay:
-    made = RightOfWay(SEPARATION, LANE_Y, GENTLE, 0.5, T)
+    made = RightOfWay(SEPARATION, LANE_Y, GENTLE, T)
     made.hear(others, staying)
     return made
 
@@ -62,17 +62,31 @@ def test_only_who_is_ahead_in_the_own_corridor_holds_it(
 
 def test_braking_is_comfortable_as_long_as_that_keeps_the_clearance() -> None:
     own = Place(0.0, 0.0, SPEED)
-    assert rules({2: Place(8.9, 0.0, SPEED - 3.0)}, {2}).most(own, changing=False) == -GENTLE
-    assert -HARD < rules({2: Place(8.7, 0.0, SPEED - 3.0)}, {2}).most(own, changing=False) < -GENTLE
+    assert rules({2: Place(7.7, 0.0, SPEED - 3.0)}, {2}).most(own, changing=False) == -GENTLE
+    nearer = rules({2: Place(7.3, 0.0, SPEED - 3.0)}, {2}).most(own, changing=False)
+    assert nearer == -SEPARATION.needed(7.3, SPEED, SPEED - 3.0, 0.0)
+    assert -HARD < nearer < -GENTLE
     assert rules({2: Place(7.0, 0.0, SPEED - 6.0)}, {2}).most(own, changing=False) == -HARD
     # The nearer of two decides.
     both = rules({2: Place(30.0, 0.0, SPEED), 3: Place(7.0, 0.0, SPEED - 6.0)}, {2, 3})
     assert both.most(own, changing=False) == -HARD
 
 
+def test_who_is_ahead_leaves_the_one_behind_what_it_needs() -> None:
+    own = Place(0.0, 0.0, SPEED)
+    assert rules({}, set()).least(own, changing=False) < -100.0
+    assert rules({2: Place(20.0, 0.0, SPEED + 4.0)}, {2}).least(own, changing=False) < -100.0
+    for distance, closing in ((40.0, 3.0), (10.0, 3.0), (8.0, 4.0), (6.0, 4.0)):
+        needed = SEPARATION.needed(distance, SPEED + closing, SPEED, 0.0)
+        behind = rules({2: Place(-distance, 0.0, SPEED + closing)}, {2})
+        assert behind.least(own, changing=False) == pytest.approx(min(needed - GENTLE, GENTLE))
+        # In another lane it does not matter.
+        assert rules({2: Place(-distance, 3.5, SPEED + closing)}, {2}).least(own, changing=False) < -100.0
+
+
 def test_a_vehicle_ahead_that_brakes_is_noticed_within_cycles() -> None:
     own = Place(0.0, 0.0, SPEED)
-    made = RightOfWay(SEPARATION, LANE_Y, GENTLE, 0.5, T)
+    made = RightOfWay(SEPARATION, LANE_Y, GENTLE, T)
     distance = needed(SPEED, SPEED - 0.5) + 0.2
     found = []
     for cycle in range(40):
@@ -235,9 +249,9 @@ def test_any_platoon_forms_without_contact(
 
 
 def test_it_is_said_when_the_distance_decides() -> None:
-    """Two in one lane, the second three metres per second faster and half a second behind the first's bumper."""
+    """Two in one lane, the second five metres per second faster and a fifth of a second behind the first's bumper."""
     traffic = Traffic(
-        [(0.0, LANE_Y, SPEED), (-(BODY.length + 5.0), LANE_Y, SPEED + 4.0)], PlatoonGoal(LANE_Y, SPEED, 10.0)
+        [(0.0, LANE_Y, SPEED), (-(BODY.length + 5.0), LANE_Y, SPEED + 5.0)], PlatoonGoal(LANE_Y, SPEED, 10.0)
     )
     traffic.run(5.0)
     limits = [out[2].limit for out in traffic.outputs]

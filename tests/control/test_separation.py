@@ -53,11 +53,28 @@ def test_the_largest_acceleration_lets_the_excess_fall_at_its_rate(v_follower, v
     assert (later - SEPARATION.excess(distance, v_follower, v_leader)) / h == pytest.approx(-excess, rel=1e-3, abs=1e-3)
 
 
-@given(speeds, speeds, st.floats(6.0, 60.0))
-def test_comfortable_braking_suffices_if_it_keeps_the_clearance_to_a_constant_speed(v_follower, v_leader, distance):
-    closing = max(v_follower - v_leader, 0.0)
-    way = 0.3 * closing + closing**2 / (2 * 2.8)
-    assert SEPARATION.suffices(distance, v_follower, v_leader, 2.8, 0.3) == (distance - BODY.length - way >= CLEARANCE)
+def gap_at_equal_speeds(distance: float, closing: float, braking: float, a_leader: float) -> float:
+    """The gap between bodies when a follower that brakes after the response is as slow as its leader."""
+    gap, t = distance - BODY.length, 0.0
+    while closing > 0.0:
+        gap -= T * closing
+        closing -= T * ((braking if t >= RESPONSE else 0.0) + (a_leader if t >= RESPONSE else 0.0))
+        t += T
+    return gap
+
+
+@given(speeds, st.floats(0.5, 10.0), st.floats(6.0, 60.0), st.floats(-2.0, 2.0))
+def test_the_needed_braking_just_keeps_the_clearance(v_leader, closing, distance, a_leader):
+    needed = SEPARATION.needed(distance, v_leader + closing, v_leader, a_leader)
+    assert 0.0 <= needed <= BRAKING
+    if 0.0 < needed < BRAKING:
+        gap = gap_at_equal_speeds(distance, closing, needed, a_leader)
+        assert gap == pytest.approx(CLEARANCE, abs=0.02 * closing)
+
+
+def test_who_is_not_faster_needs_no_braking_and_who_has_no_room_all_of_it():
+    assert SEPARATION.needed(6.0, 20.0, 20.0, -3.0) == 0.0
+    assert SEPARATION.needed(BODY.length + CLEARANCE, 21.0, 20.0, 0.0) == BRAKING
 
 
 @pytest.mark.parametrize(

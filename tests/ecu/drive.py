@@ -26,6 +26,7 @@ class Drive:
     actuator_state: int = 1
     held: int = 0
     command_state: int = 1
+    a_x: float = 0.0
     history: list[Frames] = field(default_factory=list)
 
     def v_y(self, t: float) -> float:
@@ -46,6 +47,7 @@ class Drive:
                 "VelocityY": _near(v_y, 5e-4),
                 "YawRate": _near(gamma, 1.25e-5),
             },
+            "VehicleAcceleration": {"AccelerationX": self.a_x, "AccelerationY": v * gamma},
             "WheelSpeedsFront": {"WheelSpeedFL": left, "WheelSpeedFR": right},
             "WheelSpeedsRear": {"WheelSpeedRL": left, "WheelSpeedRR": right},
             "ActuatorStatus": {

@@ -7,6 +7,7 @@ import pytest
 from bench.bus.reception import Health, Reception, ReceptionState
 from bench.bus.states import Cause, EcuState, Manoeuvre, ReferenceState
 from bench.bus.topic import Topic
+from bench.control.outcome import Limit
 from bench.ecu.planner import PlannerEcu
 from bench.scenario import load
 from tests.ecu.drive import Drive
@@ -61,6 +62,10 @@ class Bench:
                 self.speed, self.yaw_rate = self.sent["Reference"]["VelocityX"], self.sent["Reference"]["YawRate"]
             self.cycle += 1
         return self.sent
+
+    def feels(self, a_x: float) -> None:
+        """Let the vehicle measure a longitudinal acceleration (m/s^2) from now on."""
+        self._drive.a_x = a_x
 
     def _heard(self) -> dict[Topic, Any]:
         t = (self.cycle - 1) * 0.01
@@ -249,3 +254,27 @@ def test_a_planner_that_starts_anew_joins_the_platoon_where_it_is() -> None:
     assert bench.sent["V2VStatus_2"]["LeaderX"] == pytest.approx(10.0 + 20.0 * 5.0, abs=1e-6)
     bench.step(300)
     assert 21.0 < bench.speed < 25.0
+
+
+def test_it_says_when_its_vehicle_feels_more_than_is_comfortable() -> None:
+    bench = Bench(1)
+    bench.step(60)
+    assert bench.sent["PlannerStatus"]["Limit"] == Limit.NONE
+    limit = SCENARIO.planner.comfort.longitudinal_acceleration_mps2
+    bench.feels(-limit - 0.01)
+    assert bench.step()["PlannerStatus"]["Limit"] == Limit.COMFORT
+    bench.feels(-limit + 0.01)
+    # The jerk of the last half second is more than is comfortable as well.
+    assert bench.step(49)["PlannerStatus"]["Limit"] == Limit.COMFORT
+    assert bench.step(3)["PlannerStatus"]["Limit"] == Limit.NONE
+    # Without the sensor nothing can be said, and nothing else changes.
+    bench.sensors_gone = {"VehicleAcceleration"}
+    sent = bench.step(60)["PlannerStatus"]
+    assert (sent["Limit"], sent["State"], sent["Cause"]) == (Limit.NONE, EcuState.RUN, Cause.NONE)
+
+
+def test_without_limits_of_comfort_it_says_nothing_of_them() -> None:
+    bench = Bench(1)
+    bench.ecu = PlannerEcu(1, load("formation", [*SMALL, *GRID, "planner.comfort.enabled=false"]))
+    bench.feels(-9.0)
+    assert bench.step(5)["PlannerStatus"]["Limit"] != Limit.COMFORT

@@ -103,6 +103,8 @@ NEW: list[events.Event] = [
     events.CauseChange("warning", "veh3.planner", "degraded", "PeerLost", "PeerMissing"),
     events.HardBraking("info", "veh2.planner", True),
     events.HardBraking("info", "veh2.planner", False),
+    events.Uncomfortable("info", "veh2.planner", True),
+    events.Uncomfortable("info", "veh2.planner", False),
     events.StrayFrame("veh1", 0x107, "wrong_length", 1),
     events.StrayFrame("v2v", None, "malformed"),
     events.FramesRefused("veh1", {"wrong_length": 3}, {"wrong_length": {"0x107": 3}}),

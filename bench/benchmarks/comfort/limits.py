@@ -12,8 +12,8 @@ NAMES = tuple(LIMITS)
 WORDS = {name: name.rpartition("_")[0].replace("_", " ") for name in NAMES}
 UNITS = {name: {"mps2": "m/s²", "mps3": "m/s³"}[name.rpartition("_")[2]] for name in NAMES}
 
-GIVES_WAY = frozenset({"HARD_BRAKING"})
-"""The values of the bus signal `Limit` with which a planner says that comfort gives way."""
+GIVES_WAY = frozenset({"HARD_BRAKING", "COMFORT"})
+"""The values of the bus signal `Limit` with which a planner says that its vehicle feels more than is comfortable."""
 
 
 def overrides(acceleration: float, jerk: float) -> Sequence[str]:
