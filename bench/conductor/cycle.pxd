@@ -7,6 +7,7 @@ cdef class CycleFrames:
     cdef readonly dict frames
     cdef readonly list due
     cdef readonly set spoiled
+    cdef set _others
     cdef object _due, _codecs, _plan, _refusals
     cdef dict _sync_id, _absent_id, _layouts, _due_in, _missing, _extra
     cdef long long _count, _counter, _repeats

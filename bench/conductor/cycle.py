@@ -1,7 +1,7 @@
 """One cycle of a run: due frames, received frames, and the ECUs that keep the others waiting."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 
 import cython
@@ -73,6 +73,8 @@ class CycleFrames:
         self.frames: dict[str, list[BusFrame]] = {bus: [] for bus in due}
         self.due: list[BusFrame] = []
         self.spoiled: set[tuple[str, int]] = set()
+        # The buses with other frames than the due ones.
+        self._others: set[str] = set()
 
     def begin(self, number: int) -> None:
         """Start to collect the cycle `number`."""
@@ -90,6 +92,7 @@ class CycleFrames:
         self._count += sum(self._extra.values())
         self.frames = {bus: [] for bus in self._due}
         self.due = []
+        self._others = set()
         self._refusals.begin_cycle()
         self.spoiled = set()
 
@@ -119,13 +122,16 @@ class CycleFrames:
 
         Of several valid frames the first is the due one.
         """
-        missing, kept, layouts, taken = self._missing[bus], self.frames[bus], self._layouts[bus], len(self.due)
-        waited = False
+        missing: dict[int, Transmission] = self._missing[bus]
+        kept: list[BusFrame] = self.frames[bus]
+        layouts: dict[int, Layout] = self._layouts[bus]
+        taken, waited = len(self.due), False
         for frame in frames:
             can_id, data = frame
             is_missing = can_id in missing
             if is_missing and self._is_due(layouts[can_id], data):
-                self.spoiled.discard((bus, can_id))
+                if self.spoiled:
+                    self.spoiled.discard((bus, can_id))
                 del missing[can_id]
                 self._count -= 1
                 due = _new(BusFrame, (bus, can_id, data))
@@ -144,6 +150,7 @@ class CycleFrames:
     def _take_other(self, bus: str, frame: CanFrame, is_missing: cython.bint) -> cython.bint:
         """Take a frame that is not the due one; return whether the cycle waited for it."""
         can_id, data = frame
+        self._others.add(bus)
         why = self._refusals.flaw(bus, can_id, data)
         if why is None and self._waits_for(bus, can_id, data):
             self.frames[bus].append(BusFrame(bus, can_id, data))
@@ -181,14 +188,16 @@ class CycleFrames:
         others = {due.sender for due in self.missing() if (due.bus, due.can_id) not in self.spoiled}
         return sorted(each for each in self.spoiled if self._due[each[0]][each[1]].sender not in others)
 
-    def ordered(self) -> Iterator[BusFrame]:
+    def ordered(self) -> list[BusFrame]:
         """Return the frames in the order of the log: by bus, then by identifier, whatever order they arrived in."""
+        found: list[BusFrame] = []
         for bus, frames in self.frames.items():
-            absent_id = self._absent_id[bus]
-            if any(frame[1] == absent_id for frame in frames):
+            if bus in self._others:
+                absent_id = self._absent_id[bus]
                 # Several nodes announce absences; frames of any other identifier have one sender and keep its order.
                 frames = sorted(frames, key=lambda frame: frame.data[2:] if frame.can_id == absent_id else b"")
-            yield from sorted(frames, key=_identifier)
+            found += sorted(frames, key=_identifier)
+        return found
 
     def missing(self) -> list[Transmission]:
         """The missing frames."""
