@@ -28,13 +28,6 @@ if TYPE_CHECKING:
     from bench.scenario import Scenario
 
 
-GARBAGE = 50_000
-"""Number of new objects, more than have been freed, after which garbage is searched for.
-
-Frames and values that wait to be recorded are many, but no garbage.
-"""
-
-
 class Role(StrEnum):
     """What an ECU is for."""
 
@@ -152,7 +145,6 @@ def run(
             fork_server=server,
         )
         gc.freeze()
-        gc.set_threshold(GARBAGE)
         gc.enable()
         result = conductor.run(options)
 
