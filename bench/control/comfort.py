@@ -32,4 +32,4 @@ class ComfortLimits:
 
 
 ISO_LIMITS = ComfortLimits()
-"""The limits against which runs are shown."""
+"""The standard's limits."""

@@ -75,7 +75,7 @@ def test_a_side_wind_leaves_no_offset(stiffness: float, tmp_path: Path) -> None:
 
 
 def test_the_seed_decides_the_frames(tmp_path: Path) -> None:
-    short = ("duration_s=0.3",)
+    short = ("duration_s=1.5",)
     first = recorded(tmp_path, "formation", *short).path
     again = recorded(tmp_path, "formation", *short).path
     other = recorded(tmp_path, "formation", *short, "seed=2").path
