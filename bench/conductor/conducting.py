@@ -153,9 +153,9 @@ class Conductor(ABC):
         return [self._send(bus, BENCH_SYNC, values, cycle) for bus in self._links]
 
     def _send(self, bus: str, message: str, values: Mapping[str, float], cycle: int) -> BusFrame:
-        can_id, data = self._codecs[bus].encode(message, values, cycle)
-        self._links[bus].send(can_id, data)
-        return BusFrame(bus, can_id, data)
+        frame = self._codecs[bus].encode(message, values, cycle)
+        self._links[bus].send_all([frame])
+        return BusFrame(bus, *frame)
 
     def _before(self, bus: str, frames: Sequence[CanFrame]) -> bool:
         """Take frames that came before the first cycle; return whether one is of an ECU that is waited for."""
