@@ -2,7 +2,7 @@ from bench.bus.e2e cimport Receiver
 from bench.bus.layout cimport Layout
 
 cdef int _MODULUS
-cdef object _REFUSED, _FRESH, _OK, _ERROR
+cdef object _REFUSED, _FRESH, _new, _OK, _ERROR
 
 cdef class _Slot:
     cdef readonly object topic
@@ -30,6 +30,11 @@ cdef class Inbox:
     cdef bint _joins
     cdef object _clock, _name, _plan
 
+    cpdef bint drain(self) except -1
+    cpdef dict take(self)
+    cpdef object catch_up(self)
+    cpdef object skip(self)
+    cdef bint _is_own(self, object sync) except -1
     cdef object _forget(self)
     cdef object _sort(self, _Bus bus, _Slot slot, bytes data)
     cdef object _take_sync(self, _Bus bus, _Slot slot, bytes data)

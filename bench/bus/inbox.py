@@ -40,6 +40,7 @@ _REFUSED = {
     Status.WRONG_SEQUENCE: ReceptionState.WRONG_SEQUENCE,
     Status.ERROR: ReceptionState.ERROR,
 }
+_new = tuple.__new__
 _FRESH = Reception(ReceptionState.OK, 0)
 _OK, _ERROR = Status.OK, Status.ERROR
 _MODULUS = COUNTER_MODULUS
@@ -212,7 +213,7 @@ class Inbox:
         slot: _Slot
         for slot in self._inputs:
             receptions[slot.topic] = slot.reception
-        return Health(lost, errors, self.late, receptions)
+        return _new(Health, (lost, errors, self.late, receptions))
 
     @property
     def complete(self) -> bool:
@@ -341,7 +342,7 @@ class Inbox:
         else:
             bus.errors += 1
 
-    def _is_own(self, sync: Sync) -> bool:
+    def _is_own(self, sync: Sync) -> cython.bint:
         """Return whether this bench can have sent a BenchSync; an ECU that was started by hand cannot know."""
         if sync.command is BenchCommand.STOP:
             return self._plan.has_stopped

@@ -19,3 +19,6 @@ cdef class Outbox:
     cdef dict _links, _messages, _frames
     cdef object _codecs, _held, _memories
     cdef list _queue
+
+    cpdef object put(self, str bus, str message, object values)
+    cdef object _flush(self)

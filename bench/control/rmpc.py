@@ -43,6 +43,7 @@ _SMALLEST = cython.declare(cython.double, 0.01)
 _LARGEST_ROOM = cython.declare(cython.double, 10.0)
 """Input room is limited to this multiple of the deviation (scaled units): more is hardly used and costs accuracy."""
 _LARGEST_COST_RATIO = 1.5
+_NAN = cython.declare(cython.double, np.nan)
 
 
 @dataclass(frozen=True)
@@ -232,7 +233,8 @@ def _gain(P: cython.double[:, ::1], Y: cython.double[:, ::1]) -> Matrix:
     i: cython.Py_ssize_t
     j: cython.Py_ssize_t
     determinant: cython.double
-    K = np.full((m, N), np.nan)
+    known: cython.double
+    K = np.empty((m, N))
     gain: cython.double[:, ::1] = K
     flat: cython.double[9]
     inverse: cython.double[9]
@@ -242,8 +244,9 @@ def _gain(P: cython.double[:, ::1], Y: cython.double[:, ::1]) -> Matrix:
         for j in range(N):
             flat[3 * i + j] = P[i, j]
     determinant = invert(inverse, flat)
-    if determinant > 0.0 and isfinite(determinant):
-        for i in range(m):
-            for j in range(N):
-                gain[i, j] = Y[i, 0] * inverse[j] + Y[i, 1] * inverse[3 + j] + Y[i, 2] * inverse[6 + j]
+    invertible: cython.bint = determinant > 0.0 and isfinite(determinant)
+    for i in range(m):
+        for j in range(N):
+            known = Y[i, 0] * inverse[j] + Y[i, 1] * inverse[3 + j] + Y[i, 2] * inverse[6 + j]
+            gain[i, j] = known if invertible else _NAN
     return K

@@ -19,6 +19,10 @@ HELD_CYCLES = 3
 """Number of consecutive cycles without commands after which the tracker is lost."""
 
 
+_STATES = {float(state): state for state in ActuatorState}
+"""By their values in a frame."""
+
+
 class Following:
     """Monitors the actuators' status and compares the motion with the reference.
 
@@ -54,7 +58,7 @@ class Following:
         return self._good < RECOVERY_CYCLES
 
     def _look(self, status: Signals) -> None:
-        state = ActuatorState(int(status["ActuatorState"]))
+        state = _STATES[status["ActuatorState"]]
         self._waiting = self._waiting + 1 if state is ActuatorState.INIT else 0
         held = state is ActuatorState.HOLD and status["HeldCycles"] >= HELD_CYCLES
         silent = state is ActuatorState.SAFE or held or self._waiting > HELD_CYCLES

@@ -1,7 +1,7 @@
 """Signal ranges, rates of change and message timeouts from the DBC."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -60,7 +60,7 @@ def timeout_cycles(dbc: str, message: str) -> int:
     return Codec(DBC_DIR / dbc).timeout_cycles(message)
 
 
-def possible(limits: Mapping[str, Limit], frame: Signals | None, names: tuple[str, ...]) -> bool:
+def possible(limits: Mapping[str, Limit], frame: Signals | None, names: Sequence[str]) -> cython.bint:
     """Whether all these signals of a frame are within their ranges; true for a missing frame."""
     if frame is None:
         return True

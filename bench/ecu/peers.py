@@ -4,13 +4,20 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import cython
+
 from bench.bus.quantities import broadcast
 from bench.bus.reception import Health
 from bench.bus.states import Cause, EcuState, Manoeuvre
 from bench.bus.topic import Signals, Topic
 from bench.control.planner import Motion
 from bench.cycle import CYCLE_S
-from bench.ecu.limits import limits_of, possible
+from bench.ecu.limits import limits_of
+
+if cython.compiled:
+    from cython.cimports.bench.ecu.limits import possible
+else:
+    from bench.ecu.limits import possible
 
 RECOVERY_CYCLES = 20
 """Number of consecutive cycles with plausible broadcasts before a vehicle is trusted again."""
@@ -26,6 +33,11 @@ COASTING_MPS2 = 0.3
 
 _PULL = 0.05
 """As in `bench.ecu.plausibility`."""
+
+_STATES = {float(state): state for state in EcuState}
+_CAUSES = {float(cause): cause for cause in Cause}
+_MANOEUVRES = {float(manoeuvre): manoeuvre for manoeuvre in Manoeuvre}
+"""By their values in a frame: an enumeration's own search takes longer than all else of a report."""
 
 
 class Report(NamedTuple):
@@ -98,7 +110,7 @@ class PeerWatch:
         elif self.motion is not None:
             self.motion = _coasting(self.motion) if lost else self.motion.later(CYCLE_S)
             self._reckoned = None
-        self._judge(plausible=plausible, lost=lost)
+        self._judge(plausible, lost)
 
     def assume(self, start: Motion, since_s: float) -> None:
         """Assume that a vehicle not heard yet has coasted for `since_s` seconds from its start position."""
@@ -110,14 +122,14 @@ class PeerWatch:
     def _listen(self, status: Signals | None) -> None:
         if status is not None:
             self.report = Report(
-                EcuState(int(status["State"])),
-                Cause(int(status["Cause"])),
+                _STATES[status["State"]],
+                _CAUSES[status["Cause"]],
                 int(status["Slot"]),
                 status["LeaderX"],
-                Manoeuvre(int(status["Manoeuvre"])),
+                _MANOEUVRES[status["Manoeuvre"]],
             )
 
-    def _judge(self, *, plausible: bool, lost: bool) -> None:
+    def _judge(self, plausible: bool, lost: bool) -> None:
         if lost or not plausible:
             self._agreed = 0
             self._lost = lost

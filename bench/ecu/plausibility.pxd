@@ -30,3 +30,11 @@ cdef class OwnMotion:
     cdef dict _missing
     cdef int _blind
     cdef double _way
+
+    cdef _Velocity _velocities(self, object position, object attitude, object motion, object front, object rear)
+    cdef object _yaw_rate(self, object attitude, object motion, object front, object rear)
+    cdef tuple _from_positions(self, object position)
+    cdef object _wheel_speed(self, double gamma, object front, object rear)
+    cdef object _reckon(self, _Velocity velocity, object position, object attitude, double elapsed_s)
+    cdef bint _yaw_rate_is_wrong(self, double reckoned, double seen, double v_y) except -1
+    cdef object _cause(self, bint known, bint in_range)

@@ -26,13 +26,16 @@ from bench.bus.quantities import ATTITUDE, MOTION, POSITION, SENSORS, WHEELS_FRO
 from bench.bus.states import Cause
 from bench.bus.topic import Signals
 from bench.cycle import CYCLE_S
-from bench.ecu.limits import limits_of, possible, timeout_cycles
+from bench.ecu.limits import limits_of, timeout_cycles
 from platoon_fmu.parameters import VehicleParameters
 
 if cython.compiled:
+    from cython.cimports.bench.ecu.limits import possible
     from cython.cimports.libc.math import cos, remainder, sin
 else:
     from math import cos, remainder, sin
+
+    from bench.ecu.limits import possible
 
 RECOVERY_CYCLES = 20
 """Number of consecutive cycles in which a signal must agree with the others before it is trusted again."""
@@ -284,7 +287,7 @@ class OwnMotion:
         s: cython.double = sin(yaw)
         return c * dx + s * dy, c * dy - s * dx
 
-    def _wheel_speed(self, gamma: float, front: Signals | None, rear: Signals | None) -> float | None:
+    def _wheel_speed(self, gamma: cython.double, front: Signals | None, rear: Signals | None) -> float | None:
         """Return v_x (m/s) from the rolling wheels: the median of the trusted ones."""
         if front is None or rear is None:
             return None
@@ -343,7 +346,7 @@ class OwnMotion:
         self._reckoned = _Pose(x, y, yaw_now)
         self._pose = _Pose(x_used, y_used, yaw_used)
 
-    def _yaw_rate_is_wrong(self, reckoned: cython.double, seen: cython.double, v_y: cython.double) -> bool:
+    def _yaw_rate_is_wrong(self, reckoned: cython.double, seen: cython.double, v_y: cython.double) -> cython.bint:
         """Whether yaw (rad) and yaw rate contradict each other and the positions confirm the yaw."""
         if self._moved is not None:
             dx, dy = self._moved
@@ -366,7 +369,7 @@ class OwnMotion:
             return reckoned, reckoned, False
         return reckoned + _PULL * (value - reckoned), seen, True
 
-    def _cause(self, known: bool, in_range: bool) -> Cause:
+    def _cause(self, known: cython.bint, in_range: cython.bint) -> Cause:
         if not known:
             return Cause.OWN_MOTION_LOST
         trusted = in_range

@@ -7,17 +7,24 @@ from collections.abc import Callable, Mapping, Sequence
 import cython
 
 from bench.bus.codec import Codec
-from bench.bus.inbox import Inbox
 from bench.bus.link.base import Link
 from bench.bus.node import REST_S
-from bench.bus.outbox import Outbox
 from bench.bus.topic import Topic
 from bench.cycle import time_of
 from bench.ecu.base import Ecu
-from bench.ecu.sent_values import Note, SentValues
+from bench.ecu.sent_values import Note
 from bench.errors import BadInput
 from bench.events import EcuNote
 from bench.faults.plan import FaultPlan
+
+if cython.compiled:
+    from cython.cimports.bench.bus.inbox import Inbox
+    from cython.cimports.bench.bus.outbox import Outbox
+    from cython.cimports.bench.ecu.sent_values import SentValues
+else:
+    from bench.bus.inbox import Inbox
+    from bench.bus.outbox import Outbox
+    from bench.ecu.sent_values import SentValues
 
 INPUT_WAIT_S = 0.005
 """In real time, default of `input_wait_s`: time in s after BenchSync for which an ECU waits for its inputs."""
@@ -179,9 +186,9 @@ class EcuNode:
                 if due is not None:
                     due.sent = cycle
         outbox.send(cycle, lockstep=lockstep)
-        self._announce_absent(cycle, lockstep=lockstep)
+        self._announce_absent(cycle, lockstep)
 
-    def _announce_absent(self, cycle: cython.longlong, *, lockstep: bool) -> None:
+    def _announce_absent(self, cycle: cython.longlong, lockstep: bool) -> None:
         """Report the due messages that were not sent, and warn of those that the ECU did not even return."""
         due: _Due
         for due in self._due:

@@ -1,0 +1,1 @@
+cpdef bint possible(object limits, object frame, object names) except -1
