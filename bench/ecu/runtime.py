@@ -7,24 +7,17 @@ from collections.abc import Callable, Mapping, Sequence
 import cython
 
 from bench.bus.codec import Codec
+from bench.bus.inbox import Inbox
 from bench.bus.link.base import Link
 from bench.bus.node import REST_S
+from bench.bus.outbox import Outbox
 from bench.bus.topic import Topic
 from bench.cycle import time_of
 from bench.ecu.base import Ecu
-from bench.ecu.sent_values import Note
+from bench.ecu.sent_values import Note, SentValues
 from bench.errors import BadInput
 from bench.events import EcuNote
 from bench.faults.plan import FaultPlan
-
-if cython.compiled:
-    from cython.cimports.bench.bus.inbox import Inbox
-    from cython.cimports.bench.bus.outbox import Outbox
-    from cython.cimports.bench.ecu.sent_values import SentValues
-else:
-    from bench.bus.inbox import Inbox
-    from bench.bus.outbox import Outbox
-    from bench.ecu.sent_values import SentValues
 
 INPUT_WAIT_S = 0.005
 """In real time, default of `input_wait_s`: time in s after BenchSync for which an ECU waits for its inputs."""
