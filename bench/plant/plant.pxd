@@ -8,7 +8,7 @@ cdef class VehicleNode:
     cdef int _vehicle, _health_period
     cdef str _bus
     cdef FmuInstance _fmu
-    cdef Inbox _inbox
+    cdef readonly Inbox _inbox
     cdef Outbox _outbox
     cdef tuple _state, _inputs
     cdef object _road, _truth, _actuators, _faults, _applied
