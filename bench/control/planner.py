@@ -361,6 +361,7 @@ class Planner:
         braking: float | None = None,
         make_way_x: float | None = None,
         staying: Collection[int] = (),
+        unheard: Collection[int] = (),
     ) -> PlannerOutput:
         """Run one cycle: optimise at the start of an interval, then advance the reference by (15).
 
@@ -373,6 +374,7 @@ class Planner:
             braking: braking (m/s^2) to fall back from an untrusted vehicle ahead; None to keep the slot.
             make_way_x: minimum X (m) to keep clear of a vehicle approaching from behind; None for no minimum.
             staying: numbers of the others that stay in their own lanes for now.
+            unheard: numbers of the others whose motion is assumed, see `RightOfWay.hear`.
         """
         v: cython.double
         gamma: cython.double
@@ -395,7 +397,9 @@ class Planner:
         p_x, p_y = velocity(c, s, v, gamma, length)
 
         place = Place(X, Y, own.speed * c)
-        self._right_of_way.hear({n: Place(m.X, m.Y, m.speed * cos(m.course)) for n, m in peers.items()}, staying)
+        self._right_of_way.hear(
+            {n: Place(m.X, m.Y, m.speed * cos(m.course)) for n, m in peers.items()}, staying, unheard
+        )
         navigation: NavigationTarget = self._navigation
         self._navigate(q_x, q_y, p_x, p_y, place)
         most: cython.double = self._right_of_way.most(place, changing=navigation.changing)

@@ -59,10 +59,18 @@ class RightOfWay:
         self._step_s = step_s
         self._others: Mapping[int, Place] = {}
         self._staying: Collection[int] = ()
+        self._unheard: Collection[int] = ()
         self._accelerations: dict[int, float] = {}
 
-    def hear(self, others: Mapping[int, Place], staying: Collection[int]) -> None:
-        """Take this cycle's places of the others by number, and the numbers of those that stay in their own lanes."""
+    def hear(self, others: Mapping[int, Place], staying: Collection[int], unheard: Collection[int] = ()) -> None:
+        """Take this cycle's places of the others by number.
+
+        Args:
+            others: their places, of unheard ones as assumed: the rearmost of those with a slot further ahead, the
+                foremost of the others.
+            staying: numbers of those that stay in their own lanes.
+            unheard: numbers of those that are not heard, or not believed.
+        """
         accelerations = {}
         for number, place in others.items():
             before = self._others.get(number)
@@ -70,6 +78,7 @@ class RightOfWay:
             change = 0.0 if before is None else (place.v_x - before.v_x) / self._step_s - a
             accelerations[number] = a + ACCELERATION_SHARE * change
         self._others, self._staying, self._accelerations = others, staying, accelerations
+        self._unheard = unheard
 
     def most(self, own: Place, *, changing: bool) -> float:
         """Return the largest acceleration (m/s^2) with which the vehicle keeps clear of those ahead in its corridor.
@@ -120,6 +129,9 @@ class RightOfWay:
         for number, other in self._others.items():
             if not self._meets(own, other, True, number in ahead or number not in self._staying):
                 continue
+            if number in self._unheard and (number in ahead) != (other.X > own.X):
+                # It may be anywhere from there to beside this vehicle.
+                return False
             a_other = self._accelerations[number]
             behind, before, a_behind, a_before = (
                 (other, own, a_other, a) if other.X < own.X else (own, other, a, a_other)

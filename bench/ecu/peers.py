@@ -63,7 +63,9 @@ class PeerWatch:
 
     Attributes:
         motion: its current motion; None before the first broadcast. Without broadcasts it is extrapolated at constant
-            velocity, and as coasting once the vehicle is lost.
+            velocity, and as slowing down once the vehicle is lost.
+        braking: the deceleration (m/s^2) that is assumed then: coasting, unless set.
+        crawl: the speed (m/s) to which it slows down.
         heard: whether its broadcast of the last cycle was received.
         cause: why it is not trusted: NONE, PEER_MISSING, PEER_LOST, PEER_IMPLAUSIBLE or PEER_UNSAFE.
         report: its last report; None before the first.
@@ -76,6 +78,8 @@ class PeerWatch:
         self.heard = False
         self.cause = Cause.NONE
         self.report: Report | None = None
+        self.braking = COASTING_MPS2
+        self.crawl = 0.0
         self._position_limits = limits_of("v2v.dbc", self.topics.position.message)
         self._motion_limits = limits_of("v2v.dbc", self.topics.motion.message)
         self._reckoned: tuple[float, float, float] | None = None
@@ -106,9 +110,9 @@ class PeerWatch:
             if plausible or self.motion is None:
                 self.motion = told.later(CYCLE_S)
             else:
-                self.motion = _coasting(self.motion)
+                self.motion = self._slowing(self.motion)
         elif self.motion is not None:
-            self.motion = _coasting(self.motion) if lost else self.motion.later(CYCLE_S)
+            self.motion = self._slowing(self.motion) if lost else self.motion.later(CYCLE_S)
             self._reckoned = None
         self._judge(plausible, lost)
 
@@ -165,7 +169,7 @@ class PeerWatch:
         self._reckoned = (x + _PULL * off_x, y + _PULL * off_y, course + _PULL * turned)
         return math.hypot(off_x, off_y) <= POSITION_M and abs(turned) <= COURSE_RAD
 
-
-def _coasting(motion: Motion) -> Motion:
-    later = motion.later(CYCLE_S)
-    return Motion(later.X, later.Y, max(motion.speed - COASTING_MPS2 * CYCLE_S, 0.0), motion.course, 0.0)
+    def _slowing(self, motion: Motion) -> Motion:
+        later = motion.later(CYCLE_S)
+        speed = max(motion.speed - self.braking * CYCLE_S, min(motion.speed, self.crawl))
+        return Motion(later.X, later.Y, speed, motion.course, 0.0)

@@ -35,8 +35,8 @@ LANE_M = 3.5
 """Two vehicles with a smaller lateral distance (m) can collide."""
 
 _UNTRUSTED = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE, Cause.PEER_UNSAFE)
-_STAYING = (Manoeuvre.NONE, Manoeuvre.APPROACH, Manoeuvre.SLOW_DOWN)
 _UNKNOWN = (Cause.PEER_LOST, Cause.PEER_IMPLAUSIBLE)
+_STAYING = (Manoeuvre.NONE, Manoeuvre.APPROACH, Manoeuvre.SLOW_DOWN)
 
 
 class PlannerEcu:
@@ -65,6 +65,7 @@ class PlannerEcu:
         self._bus = vehicle_bus(vehicle)
         self._platoon = scenario.platoon
         self._emergency = scenario.planner.emergency_braking_mps2
+        self._crawl = scenario.planner.speed_min_mps
         self._planner = Planner(
             scenario.planner,
             PlatoonGoal(scenario.platoon.lane_y_m, scenario.platoon.speed_mps, scenario.platoon.gap_m),
@@ -166,6 +167,7 @@ class PlannerEcu:
             # If others are missing too, the rearmost free slot has the most of them ahead.
             slot = max(free, default=len(self._grid))
             self._planner.join(slot, leader_x + self._platoon.speed_mps * CYCLE_S, time_s, taken)
+            self._expect_falling_back()
             return
         starts: dict[int, Motion] | None = None
         started_s = time_s
@@ -182,6 +184,14 @@ class PlannerEcu:
                 peer.assume(self._grid[number], time_s)
         if starts is not None:
             self._planner.assign_slots(starts, started_s)
+            self._expect_falling_back()
+
+    def _expect_falling_back(self) -> None:
+        """Assume of those ahead that they fall back as soon as they are not heard any more, as this vehicle does."""
+        for number, peer in self._peers.items():
+            if self._is_ahead(number):
+                peer.braking = self._planner.fall_back_braking(self._planner.slots.get(number, 1))
+                peer.crawl = self._crawl
 
     def _plan(self, cycle: int, time_s: float, own: Motion, v_x: float) -> Manoeuvre:
         """Plan the next cycle's reference and return the manoeuvre."""
@@ -191,7 +201,9 @@ class PlannerEcu:
         else:
             braking = self._braking(own)
             way = self._make_way_x(own)
-            self._last = self._planner.step(cycle, time_s, own, v_x, self._neighbours(), braking, way, self._staying())
+            self._last = self._planner.step(
+                cycle, time_s, own, v_x, self._neighbours(), braking, way, self._staying(), self._unheard()
+            )
             manoeuvre = Manoeuvre.PLATOON if self._planner.changing else Manoeuvre.APPROACH
             if braking is not None:
                 manoeuvre = Manoeuvre.FALL_BACK
@@ -200,15 +212,8 @@ class PlannerEcu:
         return manoeuvre if self._planner.assigned else Manoeuvre.NONE
 
     def _neighbours(self) -> dict[int, Motion]:
-        """Return the vehicles to keep clear of, by number.
-
-        Unknown vehicles ahead are left out, because falling back handles them; those behind are assumed to coast.
-        """
-        return {
-            number: peer.motion
-            for number, peer in self._peers.items()
-            if peer.motion is not None and not (peer.cause in _UNKNOWN and self._is_ahead(number))
-        }
+        """Return the vehicles to keep clear of, by number; of lost ones the motion that is assumed."""
+        return {number: peer.motion for number, peer in self._peers.items() if peer.motion is not None}
 
     def _staying(self) -> set[int]:
         """Return the numbers of the vehicles that have reported that they stay in their own lanes for now."""
@@ -217,6 +222,10 @@ class PlannerEcu:
             for number, peer in self._peers.items()
             if peer.report is not None and peer.report.manoeuvre in _STAYING
         }
+
+    def _unheard(self) -> set[int]:
+        """Return the numbers of the vehicles that are not heard any more, or not believed."""
+        return {number for number, peer in self._peers.items() if peer.cause in _UNKNOWN}
 
     def _is_ahead(self, number: int) -> bool:
         slots = self._planner.slots

@@ -262,3 +262,16 @@ def test_it_is_said_when_the_distance_decides() -> None:
     quiet = Traffic([(0.0, LANE_Y, SPEED), (-30.0, LANE_Y, SPEED)], PlatoonGoal(LANE_Y, SPEED, 30.0))
     quiet.run(3.0)
     assert {out[n].limit for out in quiet.outputs for n in out} == {Limit.NONE}
+
+
+@pytest.mark.parametrize(
+    ("slot_ahead", "x", "may"), [(True, 40.0, True), (True, -40.0, False), (False, -40.0, True), (False, 40.0, False)]
+)
+def test_nobody_changes_lanes_beside_who_may_be_anywhere(slot_ahead: bool, x: float, may: bool) -> None:
+    """Of who is not heard only a bound is known: the rearmost place if its slot is further ahead, else the foremost."""
+    own = Place(0.0, 3.5, SPEED)
+    made = RightOfWay(SEPARATION, LANE_Y, GENTLE, T)
+    made.hear({2: Place(x, LANE_Y, SPEED)}, set(), {2})
+    assert made.may_change(own, 0.0, [2] if slot_ahead else []) == may
+    made.hear({2: Place(x, LANE_Y, SPEED)}, set())
+    assert made.may_change(own, 0.0, [2] if slot_ahead else [])

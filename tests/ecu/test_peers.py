@@ -71,6 +71,19 @@ def test_one_that_is_lost_is_taken_to_coast() -> None:
     assert pytest.approx(50.0 + 1.11 * 20.0, abs=0.3) == peer.watch.motion.X
 
 
+def test_one_ahead_that_is_lost_is_taken_to_fall_back_down_to_a_crawl() -> None:
+    peer = Peer()
+    peer.watch.braking, peer.watch.crawl = 2.0, 5.0
+    peer.step()
+    for _ in range(110):
+        peer.step(silent=True)
+    assert peer.watch.motion is not None
+    assert peer.watch.motion.speed == pytest.approx(20.0 - 2.0 * 1.01)
+    for _ in range(900):
+        peer.step(silent=True)
+    assert peer.watch.motion.speed == 5.0
+
+
 @pytest.mark.parametrize(
     ("wrong", "within"),
     [({"X": 50.0}, 3), ({"X": 13000.0}, 0), ({"Speed": 5.0}, 4), ({"Course": 1.0}, 3), ({"YawRate": 1.0}, 10)],
