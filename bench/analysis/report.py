@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 
@@ -135,26 +135,35 @@ def _title(data: PageData, before: str = "platoon: ") -> str:
 
 def _page(data: PageData, title: str, pictures: str, buses: str, *, live: bool = False) -> str:
     scripts = SCRIPTS[:-1] + LIVE_SCRIPTS + SCRIPTS[-1:] if live else SCRIPTS
-    parts = {
-        "TITLE": html.escape(title),
-        "CONNECT": " connect-src 'self';" if live else "",
-        "STYLE": _asset("page.css"),
-        "SCRIPT": "\n".join(_asset(f"{name}.js") for name in scripts),
-        "PICTURES": pictures,
-        "BUSES": buses,
-        # Text from the log must not close the element that holds the data, or open one inside it.
-        "DATA": json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
-    }
-    page = _asset("page.html")
-    for name, text in parts.items():
+    parts = {"CONNECT": " connect-src 'self';" if live else "", "PICTURES": pictures, "BUSES": buses}
+    script = "\n".join(asset(f"{name}.js") for name in scripts)
+    return filled(asset("page.html"), title, asset("page.css"), script, parts, data)
+
+
+def filled(template: str, title: str, style: str, script: str, parts: Mapping[str, str], data: PageData) -> str:
+    """Return a page with everything in it that it needs.
+
+    Args:
+        template: HTML with a comment for each part: TITLE, STYLE, SCRIPT, DATA and those of `parts`.
+        title: as text.
+        style: CSS.
+        script: JavaScript.
+        parts: further parts by name, as HTML.
+        data: as JSON-serialisable values.
+    """
+    # Text from a log must not close the element that holds the data, or open one inside it.
+    values = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    page = template
+    for name, text in {"TITLE": html.escape(title), "STYLE": style, "SCRIPT": script, **parts, "DATA": values}.items():
         page = page.replace(f"<!--{name}-->", text, 1)
     return page
+
+
+def asset(name: str) -> str:
+    """Return a file of the page."""
+    return resources.files("bench.analysis").joinpath("page", name).read_text(encoding="utf-8")
 
 
 def _figure(picture: str, run: str = "") -> str:
     caption = "From above; the view moves with the platoon."
     return f"<figure>{picture}<figcaption>{f'{run}: ' if run else ''}{caption}</figcaption></figure>"
-
-
-def _asset(name: str) -> str:
-    return resources.files("bench.analysis").joinpath("page", name).read_text(encoding="utf-8")

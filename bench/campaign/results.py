@@ -1,0 +1,184 @@
+"""The results of a campaign, as its folder holds them."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import polars as pl
+
+from bench.campaign.statistics import Share, share_of
+from bench.errors import BadInput
+
+INPUT, METRIC, REQUIREMENT = "in.", "metric.", "req."
+ENDED = "ok"
+"""The status of a run that reached its end."""
+REFUSED = "refused"
+"""The status of values that make no scenario: there was no run."""
+AT_RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
+"""Samplings whose share of failures estimates a probability; the others are points chosen by the user."""
+COMPLETED = "run completed"
+ALL_MET = "completed and all requirements met"
+WORST = 5
+
+_REQUIREMENT = re.compile(r"(\w+)\s*(<=|>=|<|>|==|!=)\s*(\S+)")
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results of a campaign.
+
+    Attributes:
+        directory: its folder.
+        text: the study as TOML.
+        rows: a row for each run, in the order of their numbers, with the columns of `bench.campaign.store`.
+    """
+
+    directory: Path
+    text: str
+    rows: pl.DataFrame
+
+    @cached_property
+    def study(self) -> dict[str, object]:
+        """The study's keys."""
+        return tomllib.loads(self.text)
+
+    @property
+    def name(self) -> str:
+        """The study's name."""
+        return str(self.study.get("name") or self.directory.resolve().name)
+
+    @property
+    def sampling(self) -> str:
+        """How the runs were drawn."""
+        return str(self.study.get("sampling", AT_RANDOM[0]))
+
+    @property
+    def at_random(self) -> bool:
+        """Whether the share of failures estimates a probability."""
+        return self.sampling in AT_RANDOM
+
+    @cached_property
+    def runs(self) -> pl.DataFrame:
+        """The rows of the runs that were started."""
+        return self.rows.filter(pl.col("status") != REFUSED)
+
+    @property
+    def inputs(self) -> list[str]:
+        """The names of the inputs, without prefix."""
+        return self._names(INPUT)
+
+    @property
+    def metrics(self) -> list[str]:
+        """The names of the metrics that at least one run has as a number, without prefix."""
+        return [name for name in self._names(METRIC) if _is_number(self.rows[METRIC + name])]
+
+    @property
+    def requirements(self) -> list[str]:
+        """The requirements as text, without prefix."""
+        return self._names(REQUIREMENT)
+
+    @cached_property
+    def verdicts(self) -> dict[str, pl.Series]:
+        """Of each run whether it failed, null if unknown: by the whole, then by each requirement."""
+        each = {name: ~self.runs[REQUIREMENT + name].cast(pl.Boolean) for name in self.requirements}
+        not_ended = self.runs["status"] != ENDED
+        any_missed = not_ended
+        for missed in each.values():
+            any_missed = any_missed | missed.fill_null(value=False)
+        return {COMPLETED: not_ended, ALL_MET: any_missed, **each}
+
+    def shares(self) -> dict[str, Share]:
+        """Return the share of runs that failed for each of the `verdicts`."""
+        return {name: share_of(failed, random=self.at_random) for name, failed in self.verdicts.items()}
+
+    def statuses(self) -> dict[str, int]:
+        """Return the number of rows by status, the ended ones first."""
+        counts = dict(self.rows["status"].value_counts(sort=True).iter_rows())
+        return dict(sorted(counts.items(), key=lambda item: item[0] != ENDED))
+
+    def worst(self, requirement: str, most: int = WORST) -> pl.DataFrame:
+        """Return the rows of the runs that are worst by the metric of a requirement, the worst first.
+
+        Of a requirement of equality these are runs that missed it. A run that missed a requirement without having its
+        metric, such as a formation time without a formation, is worse than any.
+        """
+        limit = limit_of(requirement)
+        if limit is None or METRIC + limit.metric not in self.runs.columns:
+            return self.runs.head(0)
+        column, missed = pl.col(METRIC + limit.metric).cast(pl.Float64), ~pl.col(REQUIREMENT + requirement)
+        if limit.side == 0:
+            return self.runs.filter(missed).head(most)
+        # Infinitely far on the wrong side; NaN too.
+        worst = pl.when(column.is_null() | column.is_nan()).then(-limit.side * float("inf")).otherwise(column)
+        known = self.runs.filter(column.is_finite() | missed)
+        return known.sort(worst, descending=limit.side < 0, maintain_order=True).head(most)
+
+    def troubles(self) -> pl.DataFrame:
+        """Return what was said of rows without an ended run: status, words, how many and the first's number."""
+        others = self.rows.filter(pl.col("status") != ENDED)
+        groups = others.group_by("status", pl.col("words").fill_null(""), maintain_order=True)
+        return groups.agg(pl.len().alias("rows"), pl.col("number").min()).sort("rows", descending=True)
+
+    def report_of(self, log: str | None) -> Path | None:
+        """Return the report beside a run's log, if there is one."""
+        path = self.log_of(log)
+        report = None if path is None else path.with_suffix(".html")
+        return report if report is not None and report.is_file() else None
+
+    def log_of(self, log: str | None) -> Path | None:
+        """Return a run's log if it was kept; relative names are within the folder."""
+        path = self.directory / log if log else None
+        return path if path is not None and path.is_file() else None
+
+    def _names(self, prefix: str) -> list[str]:
+        return [name.removeprefix(prefix) for name in self.rows.columns if name.startswith(prefix)]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A requirement: the metric, its limit, and on which side it is to stay: 1 above, -1 below, 0 neither."""
+
+    metric: str
+    value: float
+    side: int
+
+
+def limit_of(requirement: str) -> Limit | None:
+    """Return what a requirement's text says; None if that is not a metric, a comparison and a number."""
+    found = _REQUIREMENT.fullmatch(requirement.strip())
+    if found is None:
+        return None
+    metric, comparison, text = found.groups()
+    try:
+        value = {"true": 1.0, "false": 0.0}.get(text.lower()) or float(text)
+    except ValueError:
+        return None
+    return Limit(metric, value, {">": 1, "<": -1}.get(comparison[0], 0))
+
+
+def read(directory: Path) -> Results:
+    """Read the results of a campaign.
+
+    Raises:
+        BadInput: the folder is none of a campaign, or there are no results yet.
+    """
+    study = directory / "study.toml"
+    if not study.is_file():
+        raise BadInput(f"{directory} has no study.toml: give the folder of a campaign, see platoon campaign --out")
+    rows = _rows(directory)
+    if rows.is_empty():
+        raise BadInput(f"{directory} has no results yet; go on with: platoon campaign {study} --resume")
+    return Results(directory, study.read_text(encoding="utf-8"), rows.sort("number"))
+
+
+def _rows(directory: Path) -> pl.DataFrame:
+    whole = directory / "runs.parquet"
+    return pl.read_parquet(whole if whole.is_file() else directory / "parts" / "*.parquet")
+
+
+def _is_number(values: pl.Series) -> bool:
+    return (values.dtype.is_numeric() or values.dtype == pl.Boolean) and values.null_count() < values.len()
