@@ -11,33 +11,32 @@ import tomli_w
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from bench.faults.kinds import kinds
-
 Path = tuple[str | int, ...]
 
 MOST_PROBLEMS = 20
 """Number of errors that a message lists; it says how many more there are."""
 
-_TAGS = ("constant", "step", "sine", *kinds())
 _KEY = re.compile(r"^\s*([\w\"'-]+(?:\s*\.\s*[\w\"'-]+)*)\s*=\s*(.*)$")
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([\w\"'. -]+?)\s*\]\]?\s*(?:#.*)?$")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Origin of the values of a scenario.
+    """Origin of the values of a scenario, or of another document that is validated like one.
 
     Attributes:
         name: the file.
         text: content of the file.
         document: parsed values with the overrides applied.
         given: the command-line option behind each overridden key.
+        noun: what the document is.
     """
 
     name: str
     text: str
     document: Mapping[str, Any]
     given: Mapping[Path, str]
+    noun: str = "scenario"
 
     @cached_property
     def _lines(self) -> dict[Path, int]:
@@ -66,7 +65,7 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
     details = error.errors(include_url=False)
     real = [detail for detail in details if not _is_echo(detail, details)]
     # Those of values together come as one detail, and only if there are no others.
-    problems = [problem for detail in real[:MOST_PROBLEMS] for problem in _problems(detail, schema)]
+    problems = [problem for detail in real[:MOST_PROBLEMS] for problem in _problems(detail, schema, source.noun)]
     number = len(problems) if len(real) <= MOST_PROBLEMS else len(real)
     lines = []
     for path, text in problems[:MOST_PROBLEMS]:
@@ -75,7 +74,7 @@ def explain(error: ValidationError, source: Source, schema: Mapping[str, Any]) -
     if number > len(lines):
         lines.append(f"  and {number - len(lines)} more")
     count = "1 error" if number == 1 else f"{number} errors"
-    return "\n".join([f"Scenario {source.name} has {count}:", *lines])
+    return "\n".join([f"{source.noun.capitalize()} {source.name} has {count}:", *lines])
 
 
 def explain_fault(error: ValidationError, schema: Mapping[str, Any]) -> str:
@@ -143,33 +142,34 @@ def _is_echo(detail: ErrorDetails, details: Sequence[ErrorDetails]) -> bool:
     )
 
 
-def _problems(detail: ErrorDetails, schema: Mapping[str, Any]) -> list[tuple[Path, str]]:
+def _problems(detail: ErrorDetails, schema: Mapping[str, Any], noun: str = "scenario") -> list[tuple[Path, str]]:
     """Return the problems behind one pydantic error, each with the path of its key."""
     context = detail.get("ctx", {})
     if detail["type"] == "together":
         return [(tuple(path), text) for path, text in context["problems"]]
     node = _schema_at(schema, detail["loc"])
-    path = tuple(part for part in detail["loc"] if part not in _TAGS)
+    path = _as_written(schema, detail["loc"])
     if detail["type"] == "value_error":
         text = str(context["error"])
         path = _named_in(text, path, node)
         return [(path, text.removeprefix(str(path[-1]) if path else "").lstrip())]
-    return [(path, _text(detail, path, node, schema))]
+    return [(path, _text(detail, path, node, schema, noun))]
 
 
 def _named_in(text: str, path: Path, node: Mapping[str, Any]) -> Path:
-    """Return the path of the setting named by a controller's check, so that its line can be shown."""
+    """Return the path of the setting that a check names first or most exactly, so that its line can be shown."""
     named = [key for key in node.get("properties", {}) if re.search(rf"\b{key}\b", text)]
-    return (*path, max(named, key=len)) if named else path
+    first = text.partition(" ")[0]
+    return (*path, first if first in named else max(named, key=len)) if named else path
 
 
-def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+def _text(detail: ErrorDetails, path: Path, node: Mapping[str, Any], schema: Mapping[str, Any], noun: str) -> str:
     kind = detail["type"]
     if kind in ("extra_forbidden", "unexpected_keyword_argument"):
         keys = sorted(_schema_at(schema, detail["loc"][:-1]).get("properties", {}))
         near = closest(str(path[-1]), keys)
         meant = f"did you mean {dotted((*path[:-1], near))}? " if near else ""
-        return f"is not a scenario key; {meant}allowed: {', '.join(keys)}"
+        return f"is not a {noun} key; {meant}allowed: {', '.join(keys)}"
     if kind == "union_tag_not_found":
         return f"has no kind; allowed: {allowed(node)}"
     if kind == "missing":
@@ -195,17 +195,35 @@ def _schema_at(schema: Mapping[str, Any], path: Sequence[str | int]) -> Mapping[
     """Return the part of a JSON schema that describes the value at `path`; empty if there is none."""
     node = resolve(schema, schema)
     for part in path:
-        if isinstance(part, int):
-            prefix = node.get("prefixItems", [])
-            node = prefix[part] if part < len(prefix) else node.get("items", {})
-        elif part in node.get("properties", {}):
-            node = node["properties"][part]
-        elif part in node.get("discriminator", {}).get("mapping", {}):
-            node = {"$ref": node["discriminator"]["mapping"][part]}
-        else:
-            return {}
-        node = resolve(schema, node)
+        node = _child(schema, node, part)
     return node
+
+
+def _as_written(schema: Mapping[str, Any], path: Sequence[str | int]) -> Path:
+    """Return a path of pydantic's without the kinds of tables, which are no part of a key."""
+    node = resolve(schema, schema)
+    written: Path = ()
+    for part in path:
+        if part in node.get("properties", {}) or part not in _kinds(node):
+            written = (*written, part)
+        node = _child(schema, node, part)
+    return written
+
+
+def _kinds(node: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the reference to each kind of table that a value can be; empty if it is no such table."""
+    found: Mapping[str, str] = node.get("discriminator", {}).get("mapping", {})
+    return found
+
+
+def _child(schema: Mapping[str, Any], node: Mapping[str, Any], part: str | int) -> Mapping[str, Any]:
+    """Return the schema of a part of the value that `node` describes; empty if it has no such part."""
+    if isinstance(part, int):
+        prefix = node.get("prefixItems", [])
+        return resolve(schema, prefix[part] if part < len(prefix) else node.get("items", {}))
+    if part in node.get("properties", {}):
+        return resolve(schema, node["properties"][part])
+    return resolve(schema, {"$ref": _kinds(node)[part]} if part in _kinds(node) else {})
 
 
 def resolve(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -46,8 +46,8 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
         document = tomllib.loads(text)
     else:
         path = _find(name_or_path)
-        where, (text, document) = str(path), _read(path)
-        document.setdefault("name", _name_from(path))
+        where, (text, document) = str(path), read_toml(path)
+        document.setdefault("name", name_from(path))
     given: dict[tuple[str | int, ...], str] = {}
     for override in overrides:
         given[put(document, override)] = f"--set {override}"
@@ -104,22 +104,28 @@ def _find(name_or_path: str | Path) -> Path:
     raise BadInput(f"No scenario {name!r}: not a file; shipped scenarios are {', '.join(shipped())}.{meant}")
 
 
-def _name_from(path: Path) -> str:
+def name_from(path: Path) -> str:
+    """Return the name of a scenario, or of another document, whose file gives it none."""
     return re.sub(r"[^A-Za-z0-9_.-]", "-", path.stem)[:64].lstrip("_.-") or "scenario"
 
 
-def _read(path: Path) -> tuple[str, dict[str, Any]]:
+def read_toml(path: Path, noun: str = "scenario") -> tuple[str, dict[str, Any]]:
+    """Return the text of a TOML file and the document in it; `noun` is what the file holds, for messages.
+
+    Raises:
+        BadInput: not readable, not TOML, or too large.
+    """
     try:
         size = path.stat().st_size
         if size > MOST_BYTES:
-            raise BadInput(f"{path} has {size} bytes; a scenario's file may have at most {MOST_BYTES}")
+            raise BadInput(f"{path} has {size} bytes; a {noun}'s file may have at most {MOST_BYTES}")
         text = path.read_text(encoding="utf-8")
         longest, line = max((len(line), number) for number, line in enumerate(("", *text.split("\n"))))
         if longest > LONGEST_LINE:
             raise BadInput(f"{path}: line {line} has {longest} characters; allowed: at most {LONGEST_LINE}")
         return text, tomllib.loads(text)
     except OSError as error:
-        raise BadInput(f"Cannot read the scenario {path}: {error.strerror}.") from error
+        raise BadInput(f"Cannot read the {noun} {path}: {error.strerror}.") from error
     except UnicodeDecodeError as error:
         raise BadInput(f"{path} is not TOML: not UTF-8 text (byte {error.start}).") from error
     except (

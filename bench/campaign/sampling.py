@@ -1,0 +1,97 @@
+"""The values of a study's inputs for each run: random, low-discrepancy or complete samples."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.campaign.distributions import Value
+from bench.campaign.study import WITHOUT_CHANCE, Study
+from bench.scenario import Scenario
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The values of one run.
+
+    Attributes:
+        number: of the run, from 0; with the random family as a base also that of its scenario.
+        values: value of each input by its key.
+    """
+
+    number: int
+    values: dict[str, Value]
+
+
+def samples(study: Study) -> list[Sample]:
+    """Return the sample of every run, always the same for the same study.
+
+    With "monte-carlo" and "sobol" the values of a run do not depend on the number of runs: a longer campaign begins
+    with the shorter one. With "latin-hypercube" they do, since its strata are as many as the runs; a grid and corners
+    are complete, in the order of the inputs with the last one changing fastest.
+    """
+    if study.sampling in WITHOUT_CHANCE:
+        points = [
+            each.distribution.grid(each.points) if study.sampling == "grid" else each.distribution.extremes()
+            for each in study.inputs
+        ]
+        rows = list(itertools.product(*points))
+    elif study.keys:
+        rows = list(zip(*_columns(study, _shares(study)), strict=True))
+    else:
+        rows = [()] * study.runs
+    keys = study.keys
+    return [Sample(number, dict(zip(keys, row, strict=True))) for number, row in enumerate(rows)]
+
+
+def scenario_of(study: Study, sample: Sample) -> Scenario:
+    """Return the scenario of a run.
+
+    Raises:
+        BadInput: the sample's values together are no possible scenario.
+    """
+    return study.scenario(sample.number, sample.values)
+
+
+def _shares(study: Study) -> Array:
+    """Return a point of the unit cube for each run, (runs, inputs)."""
+    count, runs = len(study.keys), study.runs
+    if study.sampling == "monte-carlo":
+        # Filled run by run, so that the first runs do not depend on how many there are.
+        return np.random.default_rng(study.seed).random((runs, count))
+    # Slow to import, and not needed by all studies.
+    from scipy.stats import qmc
+
+    if study.sampling == "latin-hypercube":
+        return np.asarray(qmc.LatinHypercube(count, rng=study.seed).random(runs))
+    with warnings.catch_warnings():
+        # That a power of two is better balanced is said in the example of a study.
+        warnings.filterwarnings("ignore", "The balance properties", UserWarning)
+        return np.asarray(qmc.Sobol(count, rng=study.seed).random(runs))
+
+
+def _columns(study: Study, shares: Array) -> list[list[Value]]:
+    """Return the values of each input from its column of shares; those of groups are made to correlate first."""
+    columns = [each.distribution.at(shares[:, place]) for place, each in enumerate(study.inputs)]
+    place = len(study.inputs)
+    for group in study.groups:
+        inputs = group.inputs()
+        own = _correlated(shares[:, place : place + len(inputs)], np.array(group.correlation))
+        columns += [each.distribution.at(own[:, index]) for index, each in enumerate(inputs)]
+        place += len(inputs)
+    return columns
+
+
+def _correlated(shares: Array, correlation: Array) -> Array:
+    """Return shares (n, k) whose normal quantiles have this correlation (k, k): a Gaussian copula."""
+    from scipy.special import ndtr, ndtri
+
+    # A share of 0 has no finite quantile.
+    independent = ndtri(np.clip(shares, np.finfo(float).tiny, 1.0 - np.finfo(float).epsneg))
+    return np.asarray(ndtr(independent @ np.linalg.cholesky(correlation).T))
