@@ -36,7 +36,9 @@ SCRIPTS = (
     "view",
     "animation",
     "player",
+    "rows",
     "tables",
+    "print",
     "page",
 )
 """The files of the script, in order; while the page loads, each uses only those before it."""

@@ -22,7 +22,7 @@ from bench.campaign.statistics import convergence, edges_of, finite, histogram
 from bench.campaign.summary import Summary, summary
 from bench.files import write_text
 
-SHARED_SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "save", "plot", "tables")
+SHARED_SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "save", "plot", "rows", "print")
 """Scripts of the report of a run that this page uses too."""
 SCRIPTS = ("tornado", "campaign")
 MOST_POINTS = 5000

@@ -166,6 +166,14 @@ def test_the_page_is_as_wide_as_the_window(campaign, open_page, width):
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
 
 
+def test_folded_sections_are_open_in_print(campaign, open_page, tmp_path):
+    tab = open_page(campaign / "report.html")
+    opened = "document.querySelectorAll('details.printed[open]').length"
+    tab.evaluate(f"addEventListener('beforeprint', () => {{ document.title = String({opened}); }})")
+    tab.pdf(path=tmp_path / "report.pdf")
+    assert (tab.title(), tab.evaluate(opened)) == ("2", 0)
+
+
 def test_nothing_is_drawn_twice_by_one_id(campaign, open_page):
     tab = open_page(campaign / "report.html")
     tab.select_option("#distribution-metric", "least_clearance_m")

@@ -38,20 +38,6 @@ addEventListener("resize", () => {
   drawAnimation();
 });
 
-// In print, figures have the width of the paper, and folded sections are open.
-let unfolded = [];
-addEventListener("beforeprint", () => {
-  printing = true;
-  unfolded = [...document.querySelectorAll("details.printed:not([open])")];
-  for (const details of unfolded) details.open = true;
-  drawPlots("all");
-});
-addEventListener("afterprint", () => {
-  printing = false;
-  for (const details of unfolded) details.open = false;
-  drawPlots("all");
-});
-
 document.documentElement.classList.add("alive");
 byId("hint").textContent = finePointer.matches
   ? "Point at a figure to move the time; drag to zoom, double-click or press Esc to zoom out. Space plays, arrows step."

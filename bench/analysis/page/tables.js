@@ -1,10 +1,5 @@
 // Text and tables: verdict, metrics, events, buses, versions, scenario.
 
-const heading = (parent, texts) => {
-  const row = element(element(parent, "thead"), "tr");
-  texts.forEach((text) => element(row, "th", { scope: "col" }, text));
-};
-
 // The letter of one of two runs with its label, or the name of its file.
 const nameOf = (run) => `${letter(run)}: ${data.names[run === data ? 0 : 1]}`;
 
@@ -56,9 +51,8 @@ function verdict(run) {
   return { text: `${parts.join("; ")}.`, good: run.formed && run.complete && !missed.length };
 }
 
-// The last value of a row is its group (bench/analysis/requirements.py); only "run" is a verdict on the run.
+// The groups of metrics, each with the heading of its table; the last value of a row is its group.
 const GROUPS = [["run", "Metric"], ["comfort", "Comfort"], ["machine", "On this machine"]];
-const NEUTRAL = { comfort: ["within", "exceeded"], machine: ["within", "slower"] };
 
 function fillMetrics() {
   const parent = byId("tables");
@@ -84,12 +78,6 @@ function fillSingle(table, title, rows, asks) {
     const cell = element(row, "td", { class: `verdict ${look}` }, mark);
     if (word) element(cell, "span", {}, ` ${word}`);
   }
-}
-
-function markOf(met, group) {
-  if (met === null) return { look: "", mark: "", word: "" };
-  if (NEUTRAL[group]) return { look: "neutral", mark: met ? "✓" : "○", word: NEUTRAL[group][met ? 0 : 1] };
-  return met ? { look: "good", mark: "✓", word: "met" } : { look: "bad", mark: "✗", word: "missed" };
 }
 
 function fillNotSent() {
@@ -169,18 +157,6 @@ function fillDetails() {
 }
 
 // ---- buses
-
-const numberRow = (body, cells) => {
-  const row = element(body, "tr");
-  for (const [tag, kind, text] of cells) element(row, tag, kind ? { class: kind } : {}, text);
-};
-
-function numberTable(parent, heads) {
-  const table = element(element(parent, "div", { class: "scrolls" }), "table");
-  const row = element(element(table, "thead"), "tr");
-  heads.forEach((text, index) => element(row, "th", index ? { class: "number" } : {}, text));
-  return element(table, "tbody");
-}
 
 function fillBuses() {
   const parent = byId("buses");

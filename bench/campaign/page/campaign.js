@@ -2,7 +2,7 @@
 
 const player = { playing: false, pause() {} };
 
-function table(parent, heads, rows) {
+function numbersTable(parent, heads, rows) {
   const made = numberTable(parent, heads);
   for (const row of rows) numberRow(made, row.map((text, index) => [index ? "td" : "th", index ? "number" : "", text]));
   return made;
@@ -19,7 +19,7 @@ function fillTitle() {
 function fillRequirements() {
   const parent = byId("requirements");
   element(parent, "h3", {}, "Share of failures");
-  table(parent, ["Requirement", "Failed", "Of", "Share", "95 % bounds"], data.shares);
+  numbersTable(parent, ["Requirement", "Failed", "Of", "Share", "95 % bounds"], data.shares);
   for (const note of data.notes) element(parent, "p", { class: "caption" }, note);
 }
 
@@ -56,18 +56,18 @@ function fillTroubles() {
 }
 
 // A figure that depends on choices: `made(parent, choice)` returns what is drawn, with `card` and `draw`.
-function chosen(parent, choices, made) {
+function selectable(parent, choices, made) {
   const box = element(parent, "div", { class: "chosen" });
   const bar = element(box, "div", { class: "choice" });
-  const place = element(box, "div");
+  const body = element(box, "div");
   let shownNow = null;
   const show = () => {
     if (shownNow) {
       observer.unobserve(shownNow.card);
       plots.splice(plots.indexOf(shownNow), 1);
     }
-    place.replaceChildren();
-    shownNow = made(place, Object.fromEntries(selects.map(({ id, select }) => [id, select.value])));
+    body.replaceChildren();
+    shownNow = made(body, Object.fromEntries(selects.map(({ id, select }) => [id, select.value])));
     plots.push(shownNow);
     shownNow.draw();
     observer.observe(shownNow.card);
@@ -114,7 +114,7 @@ function fillChosen() {
   const drives = byId("drives");
   if (driven.length) {
     const choice = { id: "tornado-metric", label: "Metric", options: driven };
-    chosen(drives, [choice], (parent, now) => new Tornado(parent, data.influences[now["tornado-metric"]]));
+    selectable(drives, [choice], (parent, now) => new Tornado(parent, data.influences[now["tornado-metric"]]));
   } else {
     element(drives, "p", { class: "caption" }, data.no_influences);
   }
@@ -123,14 +123,14 @@ function fillChosen() {
       { id: "scatter-metric", label: "Metric", options: metrics },
       { id: "scatter-input", label: "Input", options: inputs },
     ];
-    chosen(drives, choices, (parent, now) => new Plot(parent, scatterOf(now["scatter-metric"], now["scatter-input"])));
+    selectable(drives, choices, (parent, now) => new Plot(parent, scatterOf(now["scatter-metric"], now["scatter-input"])));
   }
   // Those without a requirement first: the others have a figure of their own below.
   const below = new Set(data.figures.map((figure) => figure.title));
   const any = Object.keys(data.distributions).sort((a, b) => below.has(a) - below.has(b));
   if (any.length) {
     const choice = { id: "distribution-metric", label: "Metric", options: any };
-    chosen(drives, [choice], (parent, now) => {
+    selectable(drives, [choice], (parent, now) => {
       // The same figure may stand above, with an id of its own.
       const figure = data.distributions[now["distribution-metric"]];
       return new Plot(parent, { ...figure, id: `any-${figure.id}` });
@@ -145,7 +145,7 @@ function fillMore() {
     element(made, "summary", {}, title);
     return made;
   };
-  table(section("All metrics"), ["Metric", "Least", "5 %", "Median", "95 %", "Largest", "Runs"], data.quantiles);
+  numbersTable(section("All metrics"), ["Metric", "Least", "5 %", "Median", "95 %", "Largest", "Runs"], data.quantiles);
   element(section("Study"), "pre", {}, data.toml);
 }
 
@@ -153,18 +153,6 @@ let sizedFor = innerWidth;
 addEventListener("resize", () => {
   if (innerWidth === sizedFor) return;
   sizedFor = innerWidth;
-  drawPlots("all");
-});
-let unfolded = [];
-addEventListener("beforeprint", () => {
-  printing = true;
-  unfolded = [...document.querySelectorAll("details.printed:not([open])")];
-  for (const details of unfolded) details.open = true;
-  drawPlots("all");
-});
-addEventListener("afterprint", () => {
-  printing = false;
-  for (const details of unfolded) details.open = false;
   drawPlots("all");
 });
 
