@@ -161,7 +161,7 @@ class StudyFile(BaseModel):
 
 @dataclass(frozen=True)
 class Study:
-    """A study that has been checked, complete in itself.
+    """A study that has been checked.
 
     Attributes:
         name: its name.
@@ -173,7 +173,8 @@ class Study:
         groups: normal inputs that are correlated.
         requirements: limits of metrics.
         time_limit_s: longest time of a run, s.
-        text: the study as TOML that `load_study` reads back, from whatever directory; without the file's comments.
+        text: the study as TOML that `load_study` reads back, from any directory, without the file's comments; a base
+            scenario's file is not in it.
     """
 
     name: str
@@ -200,6 +201,14 @@ class Study:
         """
         base = f"{PREFIX}{number}" if self.base == RANDOM else self.base
         return load(base, [f"{key}={_toml(value)}" for key, value in values.items()])
+
+    def problem(self, number: int, values: dict[str, Value]) -> BadInput | None:
+        """Return why a run's values are no possible scenario; None if they are one."""
+        try:
+            self.scenario(number, values)
+        except BadInput as error:
+            return error
+        return None
 
 
 def shipped_studies() -> list[str]:
@@ -349,26 +358,29 @@ def _checked_base(path: Path, study: Study) -> Scenario:
 
 
 def _check_ranges(path: Path, study: Study) -> None:
-    """Put the ends of each input's range into the base scenario, with all other inputs in their middle."""
+    """Put values of each input's range into the base scenario: first alone, then with other inputs in their middle."""
     inputs = _all_inputs(study.inputs, study.groups)
     middle = {each.key: each.distribution.at(np.array([0.5]))[0] for each in inputs}
     numbers = range(min(study.runs, FIRST_NUMBERS)) if study.base == RANDOM else range(1)
     for each in inputs:
-        for value in each.distribution.extremes():
+        ends = each.distribution.extremes()
+        for value in (*ends, *_between(study, each, ends)):
             for number in numbers:
-                try:
-                    study.scenario(number, {each.key: value})
-                except BadInput:
-                    _check_in_the_middle(path, study, number, each.key, {**middle, each.key: value})
+                # Some values fit only together: a vehicle alone may start inside another one.
+                error = study.problem(number, {each.key: value}) and study.problem(number, middle | {each.key: value})
+                if error:
+                    others = ", the others at their medians" if len(inputs) > 1 else ""
+                    mend = "" if value in ends else _NOT_ALL
+                    raise BadInput(f"Study {path}: input {each.key} = {_toml(value)}{others}: {error}{mend}")
 
 
-def _check_in_the_middle(path: Path, study: Study, number: int, key: str, values: dict[str, Value]) -> None:
-    """Refuse a value that the base refuses only if it does so with the other inputs' values too."""
-    try:
-        study.scenario(number, values)
-    except BadInput as error:
-        others = ", the others at their medians" if len(values) > 1 else ""
-        raise BadInput(f"Study {path}: input {key} = {_toml(values[key])}{others}: {error}") from error
+_NOT_ALL = '\nNot all values between the ends are allowed: take kind = "choice" or "integers".'
+
+
+def _between(study: Study, one: Input, ends: Sequence[Value]) -> list[Value]:
+    """Return a value between the ends of a range that is drawn by chance: one that is a multiple of nothing."""
+    found = one.distribution.at(np.array([1.0 / math.pi]))[0]
+    return [] if study.sampling in WITHOUT_CHANCE or found in ends else [found]
 
 
 def _with_requirements(path: Path, study: Study, texts: Sequence[str] | None, scenario: Scenario) -> Study:

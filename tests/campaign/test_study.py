@@ -114,6 +114,10 @@ REFUSED = {
     "impossible high end": (an_input(distribution=UNIFORM.replace("0.8", "5.0")), "road.mu is 5; allowed: 0.05 to 1.5"),
     "impossible low end": (an_input(distribution=UNIFORM.replace("0.4", "0.0")), "road.mu is 0; allowed: 0.05 to 1.5"),
     "an impossible choice": (an_input(distribution='{ kind = "choice", values = [0.5, 9.0, 0.6] }'), "road.mu is 9"),
+    "no whole cycles": (
+        an_input("duration_s", '{ kind = "uniform", low = 1.0, high = 2.0 }'),
+        'multiples of 0.01 s\nNot all values between the ends are allowed: take kind = "choice"',
+    ),
     "a wrong type": (an_input("seed"), "seed = 0.4 is not allowed; allowed: a whole number"),
     "empty range": (an_input(distribution=UNIFORM.replace("0.8", "0.4")), "distribution.low = 0.4 is not below high"),
     "log of a negative": (
@@ -202,6 +206,13 @@ def test_ranges_that_fit_only_together_are_accepted(study_of):
         for i, x in enumerate((-9.0, -40.0, -80.0))
     ]
     assert study_of("".join(moved)).runs == 100
+
+
+@pytest.mark.parametrize(("sampling", "points"), [("grid", 3), ("corners", 2)])
+def test_a_range_of_which_the_chosen_points_are_possible_is_accepted(study_of, sampling, points):
+    """Between them some durations are no whole number of cycles, but no run has them."""
+    inputs = an_input("duration_s", '{ kind = "uniform", low = 1.0, high = 2.0 }', "points = 3")
+    assert study_of(f'sampling = "{sampling}"\n{inputs}').runs == points
 
 
 def test_requirements_are_the_reports_unless_stated(study_of):
