@@ -8,6 +8,7 @@ import operator
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import get_type_hints
 
 from bench.analysis.comfort import Comfort
 from bench.analysis.metrics import Metrics
@@ -52,6 +53,15 @@ METRIC_NAMES = (
 """Every name that `flat_metrics` returns and a requirement may use."""
 
 
+def metric_type(name: str) -> type[float] | type[int] | type[bool]:
+    """Return the type of a metric that has a value."""
+    owner = Comfort if name.startswith("comfort_") else Metrics
+    hint = str(get_type_hints(owner).get(name.removeprefix("comfort_"), "float"))
+    if name in ("warnings", "not_numbers"):
+        return int
+    return bool if "bool" in hint else int if "int" in hint else float
+
+
 @dataclass(frozen=True)
 class Requirement:
     """A limit of a metric.
@@ -81,6 +91,19 @@ class Requirement:
             return False if self.metric == "formation_time_s" and metrics.get("formed") is False else None
         # Not even != is met by what is not a number.
         return not math.isnan(value) and _COMPARISONS[self.comparison](float(value), self.limit)
+
+    def margin(self, metrics: Mapping[str, Metric]) -> float | None:
+        """Return by how much a run with these metrics stays on the right side of the limit; negative is beyond it.
+
+        A missed limit without a number is infinitely far beyond it. An equality has no margin, nor has a run of which
+        it is not known whether it meets the limit.
+        """
+        if self.comparison in ("==", "!=") or self.met(metrics) is None:
+            return None
+        value = metrics.get(self.metric)
+        if value is None or math.isnan(value):
+            return -math.inf
+        return (float(value) - self.limit) * (1.0 if self.comparison[0] == ">" else -1.0)
 
 
 def requirement(text: str) -> Requirement:

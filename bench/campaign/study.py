@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -42,6 +43,9 @@ FIRST_NUMBERS = 8
 Sampling = Literal["monte-carlo", "latin-hypercube", "sobol", "grid", "corners"]
 WITHOUT_CHANCE = ("grid", "corners")
 """Kinds of sampling that are complete, so that the study decides the number of runs."""
+
+EXTENSIBLE = ("monte-carlo", "sobol")
+"""Kinds of sampling of which a longer campaign begins with the shorter one."""
 
 KeyName = Annotated[str, Field(pattern=r"^[A-Za-z_]\w*(\.\w+|\[[0-9]+\])*$", max_length=200)]
 
@@ -193,6 +197,44 @@ class Study:
         """The keys of all inputs, those of groups last."""
         return [each.key for each in _all_inputs(self.inputs, self.groups)]
 
+    @property
+    def by_number(self) -> bool:
+        """Whether the number of a run decides on its scenario, besides the values."""
+        return self.base == RANDOM
+
+    def types(self) -> dict[str, type]:
+        """Return the type of each input's values, text if they have several."""
+        found = {}
+        for each in _all_inputs(self.inputs, self.groups):
+            kinds = {type(value) for value in each.distribution.extremes()}
+            numbers = kinds <= {int, float}
+            found[each.key] = kinds.pop() if len(kinds) == 1 else float if numbers else str
+        return found
+
+    def base_file(self) -> tuple[str, bytes] | None:
+        """Return name and content of the base scenario's file; None if the base is no file of the user's.
+
+        Raises:
+            BadInput: it cannot be read.
+        """
+        if self.base == RANDOM or self.base in shipped():
+            return None
+        try:
+            return Path(self.base).name, Path(self.base).read_bytes()
+        except OSError as error:
+            raise BadInput(f"Cannot read the scenario {self.base}: {error.strerror}.") from error
+
+    def continues(self, text: str) -> bool:
+        """Return whether runs of a study, given as TOML, are runs of this one too.
+
+        What does not decide on a run may differ, and the number of runs if the first ones do not depend on it.
+        """
+        free = {"name", "description", "time_limit_s"} | ({"runs"} if self.sampling in EXTENSIBLE else set())
+        one, other = (
+            {key: value for key, value in tomllib.loads(each).items() if key not in free} for each in (self.text, text)
+        )
+        return one == other
+
     def scenario(self, number: int, values: dict[str, Value]) -> Scenario:
         """Return the scenario of a run with these values of its keys.
 
@@ -238,11 +280,12 @@ def load_study(path_or_shipped_name: str | Path, runs: int | None = None) -> Stu
     base = _base(path, stated.base)
     document["base"] = base
     most = stated.runs if runs is None else runs
+    document["runs"] = _number_of_runs(path, stated, most)
     study = Study(
         name=stated.name,
         base=base,
         seed=stated.seed,
-        runs=_number_of_runs(path, stated, most),
+        runs=document["runs"],
         sampling=stated.sampling,
         inputs=stated.inputs,
         groups=stated.groups,

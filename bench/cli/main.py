@@ -12,6 +12,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.campaign import campaign_app
 from bench.cli.fmu import fmu_app
 from bench.cli.help import WIDTH, App, HelpGroup
 from bench.cli.log import log_app
@@ -48,6 +49,7 @@ add_results(app)
 add_replay(app)
 add_resim(app)
 add_machine(app)
+app.add_typer(campaign_app, name="campaign")
 app.add_typer(log_app, name="log")
 app.add_typer(fmu_app, name="fmu")
 

@@ -1,0 +1,78 @@
+"""What passes between the client of a campaign and its workers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from bench.campaign.distributions import Value
+from bench.campaign.requirements import Metric
+from bench.campaign.study import Study
+
+OK, REFUSED, FAILED, CRASHED, TIMEOUT = "ok", "refused", "failed", "crashed", "timeout"
+"""How a run ended: at its end, its values make no scenario, with an error, its process died, it took too long."""
+MOST_TRIES = 2
+"""How often a run is tried that did not reach its end."""
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a worker needs for all runs of a campaign.
+
+    Attributes:
+        name: of the campaign's plugin, no two campaigns have the same.
+        study: the study.
+        base_file: name and content of the base scenario's file, which a worker may not have; None for other bases.
+        fmu: the vehicle's FMU.
+        versions: see `bench.campaign.version`.
+    """
+
+    name: str
+    study: Study
+    base_file: tuple[str, bytes] | None
+    fmu: bytes
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run to make.
+
+    Attributes:
+        number: of the run.
+        values: of the study's inputs by key.
+        keep: whether its log is asked for.
+        worst: margins by requirement; a run with less than that is to keep its log (`bench.campaign.keeping`).
+    """
+
+    number: int
+    values: Mapping[str, Value]
+    keep: bool = False
+    worst: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Made:
+    """A run that was made.
+
+    Attributes:
+        number: of the run.
+        status: how it ended.
+        words: why, if it did not reach its end.
+        tries: how often it was tried.
+        wall_s: wall-clock time of the last try, s.
+        worker: address of the worker.
+        metrics: its metrics by name; empty if it did not reach its end.
+        scenario: the scenario as TOML if the log is kept.
+        log: the log's content if it is to be kept.
+    """
+
+    number: int
+    status: str
+    words: str = ""
+    tries: int = 1
+    wall_s: float = 0.0
+    worker: str = ""
+    metrics: Mapping[str, Metric] = field(default_factory=dict)
+    scenario: str = ""
+    log: bytes | None = None

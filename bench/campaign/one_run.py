@@ -1,0 +1,87 @@
+"""A process that makes one run after the other, so that what each needs is imported once.
+
+It is apart from its worker because a run can crash its process or hang. Requests and answers are lines of JSON on
+standard input and output; what the run itself prints goes to standard error.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import gc
+import json
+import os
+import pickle
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from bench.analysis.metrics import compute
+from bench.bus.link.address import Address
+from bench.campaign.jobs import FAILED, OK, REFUSED
+from bench.campaign.requirements import flat_metrics
+from bench.campaign.study import Study
+from bench.conductor.linux import die_with_parent, set_name
+from bench.conductor.options import RunOptions
+from bench.conductor.run import run
+from bench.errors import BadInput, BenchError, shortage
+from bench.record import Run
+
+NICE = 10
+
+
+def main() -> None:
+    """Answer requests until standard input ends; `sys.argv[1]` is the pickled study, `sys.argv[2]` the FMU."""
+    die_with_parent()
+    set_name("campaign run")
+    faulthandler.enable()
+    # Ctrl-C at the terminal is for the command, which ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.nice(NICE)
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    study: Study = pickle.loads(Path(sys.argv[1]).read_bytes())
+    fmu = Path(sys.argv[2])
+    gc.freeze()
+    for line in sys.stdin:
+        request = json.loads(line)
+        answer = answer_to(study, fmu, request["number"], request["values"], Path(request["log"]))
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+def answer_to(study: Study, fmu: Path, number: int, values: dict[str, Any], log: Path) -> dict[str, Any]:
+    """Make a run, and return its status, words, metrics, scenario as TOML and wall-clock time in s.
+
+    Args:
+        study: what it is a run of.
+        fmu: the vehicle's FMU.
+        number: of the run.
+        values: of the study's inputs.
+        log: where its log is written.
+    """
+    began = time.perf_counter()
+    status, words, metrics, scenario = OK, "", {}, ""
+    try:
+        loaded = study.scenario(number, values)
+    except BadInput as error:
+        status, words = REFUSED, str(error)
+    else:
+        scenario = loaded.toml()
+        command = ["platoon", "campaign", study.name, f"run {number}"]
+        try:
+            run(RunOptions(loaded, Address.parse("direct"), log, command, fmu=fmu))
+            metrics = flat_metrics(compute(Run(log)), loaded)
+        except BenchError as error:
+            # Where the log is, is another place for the user.
+            status, words = FAILED, str(error).partition("\nThe log up to there is")[0]
+        except Exception as error:  # noqa: BLE001 - one bad run is a row of the campaign, and never its end
+            status, words = FAILED, shortage(error) or f"{type(error).__name__}: {error}"
+    return {
+        "status": status,
+        "words": words,
+        "metrics": metrics,
+        "scenario": scenario,
+        "wall_s": time.perf_counter() - began,
+    }

@@ -1,0 +1,269 @@
+"""The folder of a campaign, written as runs end so that nothing is lost whatever is killed.
+
+    study.toml       the study, complete in itself but for a base scenario's file
+    code.txt         hash of the code that made the runs
+    parts/*.parquet  the rows of runs, in the order in which they ended; renamed into place, so whole or not there
+    logs/            of the runs kept: run-000017.mcap, the scenario beside it as .toml, and later a report as .html
+    runs.parquet     all rows in the order of their numbers, once the campaign is done
+
+Parts are joined as they become many. A row that is in two parts, because a campaign was killed between writing the
+joined part and removing those it was joined from, is the same in both.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from bench.campaign.distributions import Value
+from bench.campaign.jobs import Made
+from bench.campaign.requirements import METRIC_NAMES, metric_type
+from bench.campaign.results import INPUT, METRIC, REQUIREMENT
+from bench.campaign.study import Study
+from bench.campaign.version import code_version
+from bench.errors import BadInput, RunFailed, shortage
+from bench.files import write_text, written_aside
+
+MOST_PARTS = 64
+"""Parts of one size that are joined into one of the next size."""
+ROWS_AT_ONCE = 20_000
+"""Rows of the final table that are in memory at once."""
+
+_POLARS = {bool: pl.Boolean, int: pl.Int64, float: pl.Float64, str: pl.String}
+
+
+def schema(study: Study) -> dict[str, Any]:
+    """Return the columns of a campaign's rows with their types."""
+    return {
+        "number": pl.Int64,
+        "key": pl.String,
+        "status": pl.String,
+        "words": pl.String,
+        "tries": pl.Int64,
+        "wall_s": pl.Float64,
+        "worker": pl.String,
+        "log": pl.String,
+        **{INPUT + key: _POLARS[kind] for key, kind in study.types().items()},
+        **{METRIC + name: _POLARS[metric_type(name)] for name in METRIC_NAMES},
+        **{REQUIREMENT + each.text: pl.Boolean for each in study.requirements},
+    }
+
+
+def log_name(number: int) -> str:
+    """Return the name of a run's log within the folder."""
+    return f"logs/run-{number:06d}.mcap"
+
+
+class Store:
+    """The folder of a campaign, opened for writing by one process.
+
+    Attributes:
+        folder: the folder.
+        study: the study.
+    """
+
+    def __init__(self, folder: Path, study: Study) -> None:
+        """Take a folder that `opened` has prepared."""
+        self.folder = folder
+        self.study = study
+        self._schema = schema(study)
+        self._parts = folder / "parts"
+        self._base = hashlib.sha256(_identity(study).encode())
+        # Of each size the parts, and the number of the next part.
+        self._sizes: dict[int, list[Path]] = {}
+        for path in sorted(self._parts.glob("*.parquet")):
+            self._sizes.setdefault(_size_of(path), []).append(path)
+        self._next = 1 + max((int(path.stem.split("-")[1]) for each in self._sizes.values() for path in each), default=-1)
+
+    def key(self, number: int, values: dict[str, Value]) -> str:
+        """Return the key of a run: a hash of its scenario, seed included, and of the code.
+
+        The scenario follows from the study's base and the values, which are hashed in its place.
+        """
+        digest = self._base.copy()
+        digest.update(json.dumps([number if self.study.by_number else None, values], sort_keys=True).encode())
+        return digest.hexdigest()[:16]
+
+    def done(self) -> pl.DataFrame:
+        """Return the rows there are, each once: number, key, log, and what decides on logs."""
+        return self._scan().unique("number", keep="first").collect()
+
+    def add(self, rows: Sequence[dict[str, Any]]) -> None:
+        """Write rows of runs.
+
+        Raises:
+            RunFailed: they cannot be written.
+        """
+        self._write(0, pl.DataFrame(rows, self._schema, orient="row"))
+        for size in sorted(self._sizes):
+            if len(self._sizes[size]) >= MOST_PARTS:
+                self._join(size)
+
+    def row(self, made: Made, key: str, values: dict[str, Value]) -> dict[str, Any]:
+        """Return the row of a run."""
+        return {
+            "number": made.number,
+            "key": key,
+            "status": made.status,
+            "words": made.words,
+            "tries": made.tries,
+            "wall_s": made.wall_s,
+            "worker": made.worker,
+            "log": log_name(made.number) if made.log is not None else None,
+            **{INPUT + name: _as(self._schema[INPUT + name], value) for name, value in values.items()},
+            **{METRIC + name: _as(self._schema[METRIC + name], made.metrics.get(name)) for name in METRIC_NAMES},
+            **{REQUIREMENT + each.text: each.met(made.metrics) for each in self.study.requirements},
+        }
+
+    def keep(self, made: Made) -> None:
+        """Write the log of a run, and its scenario.
+
+        Raises:
+            RunFailed: they cannot be written.
+        """
+        if made.log is None:
+            return
+        log = self.folder / log_name(made.number)
+        with _writing(log) as aside:
+            aside.write_bytes(made.log)
+        with _writing(log.with_suffix(".toml")) as aside:
+            aside.write_text(made.scenario, encoding="utf-8")
+
+    def drop(self, numbers: Iterable[int]) -> None:
+        """Remove the logs of runs."""
+        for number in numbers:
+            log = self.folder / log_name(number)
+            for path in (log, log.with_suffix(".toml"), log.with_suffix(".html")):
+                path.unlink(missing_ok=True)
+
+    def finish(self) -> Path:
+        """Write the table of all runs in the order of their numbers, and return it.
+
+        Raises:
+            RunFailed: it cannot be written.
+        """
+        numbers = self._scan().select("number").unique().sort("number").collect()["number"]
+        target = self.folder / "runs.parquet"
+        with _writing(target) as aside:
+            parts = [
+                self._between(numbers[start], numbers[min(start + ROWS_AT_ONCE, len(numbers)) - 1])
+                for start in range(0, len(numbers), ROWS_AT_ONCE)
+            ]
+            pl.concat(parts or [pl.LazyFrame(schema=self._schema)]).sink_parquet(aside)
+        return target
+
+    def _between(self, first: int, last: int) -> pl.LazyFrame:
+        rows = self._scan().filter(pl.col("number").is_between(first, last))
+        names = {f"logs/{path.name}" for path in (self.folder / "logs").glob("*.mcap")}
+        kept = pl.when(pl.col("log").is_in(list(names))).then("log")
+        return rows.unique("number", keep="first").sort("number").with_columns(kept.alias("log"))
+
+    def _scan(self) -> pl.LazyFrame:
+        paths = [path for each in self._sizes.values() for path in each]
+        return pl.scan_parquet(paths) if paths else pl.LazyFrame(schema=self._schema)
+
+    def _join(self, size: int) -> None:
+        old = self._sizes[size]
+        self._write(size + 1, pl.read_parquet(old).unique("number", keep="first", maintain_order=True))
+        self._sizes[size] = []
+        for path in old:
+            path.unlink()
+
+    def _write(self, size: int, rows: pl.DataFrame) -> None:
+        part = self._parts / f"{size}-{self._next:08d}.parquet"
+        with _writing(part) as aside:
+            rows.write_parquet(aside)
+        self._next += 1
+        self._sizes.setdefault(size, []).append(part)
+
+
+def check(folder: Path, study: Study, *, resume: bool) -> None:
+    """Check that a folder can be opened for a study.
+
+    Raises:
+        BadInput: it exists and is not to be resumed, or is no campaign of this study and this code.
+    """
+    if resume:
+        _check_same(folder, study)
+    elif os.path.lexists(folder):
+        raise BadInput(f"{folder} already exists; go on with it by --resume, or give another --out")
+
+
+@contextmanager
+def opened(folder: Path, study: Study, *, resume: bool) -> Iterator[Store]:
+    """Open a campaign's folder; it is created unless the campaign is resumed.
+
+    Raises:
+        BadInput: see `check`; it cannot be created, or is in use.
+    """
+    check(folder, study, resume=resume)
+    if not resume:
+        try:
+            (folder / "parts").mkdir(parents=True)
+        except OSError as error:
+            raise BadInput(f"cannot create {folder}: {error.strerror}") from error
+        write_text(folder / "code.txt", code_version() + "\n")
+    # The number of runs may be another one now.
+    write_text(folder / "study.toml", study.text)
+    (folder / "logs").mkdir(exist_ok=True)
+    with (folder / ".lock").open("w") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise BadInput(f"{folder} is in use by another platoon campaign; wait for it, or end it") from None
+        for path in (*folder.glob("parts/.*.parquet"), *folder.glob("logs/.*"), *folder.glob(".runs.*")):
+            # Left half written by a campaign that was killed.
+            path.unlink()
+        yield Store(folder, study)
+
+
+def _check_same(folder: Path, study: Study) -> None:
+    if not (folder / "study.toml").is_file() or not (folder / "code.txt").is_file():
+        raise BadInput(f"--resume: {folder} is no campaign; start it without --resume, or give its folder by --out")
+    code = (folder / "code.txt").read_text(encoding="utf-8").strip()
+    if code != code_version():
+        raise BadInput(
+            f"--resume: the runs in {folder} were made by other code ({code}) than this ({code_version()}), so theirs"
+            " and new ones would not belong together; start a new campaign with another --out"
+        )
+    if not study.continues((folder / "study.toml").read_text(encoding="utf-8")):
+        raise BadInput(
+            f"--resume: {folder} holds another study than {study.name} is now; allowed: the same study, of which only"
+            f" runs, time_limit_s and description may differ; resume {folder / 'study.toml'}, or give another --out"
+        )
+
+
+@contextmanager
+def _writing(target: Path) -> Iterator[Path]:
+    """As `written_aside`; the campaign has begun, so that a failure is no bad input."""
+    try:
+        with written_aside(target) as aside:
+            yield aside
+    except (BadInput, pl.exceptions.PolarsError) as error:
+        cause = error.__cause__ or error
+        raise RunFailed(f"{target} cannot be written: {shortage(cause) or cause}") from error
+
+
+def _identity(study: Study) -> str:
+    """Return what all runs of a study have in common, as text."""
+    file = study.base_file()
+    return f"{code_version()}\n{study.base if file is None else file}"
+
+
+def _size_of(part: Path) -> int:
+    return int(part.stem.split("-")[0])
+
+
+def _as(column: Any, value: Any) -> Any:
+    """Return a value as its column's type."""
+    if value is None:
+        return None
+    return {pl.Float64: float, pl.Int64: int, pl.Boolean: bool, pl.String: str}[column](value)

@@ -1,0 +1,222 @@
+"""`platoon campaign`: many runs of a scenario over its uncertainties, and what they say."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from bench.cli.fmu import vehicle_fmu
+from bench.cli.help import App, HelpGroup
+from bench.cli.machine_code import use_machine_code
+from bench.cli.options import LOGS
+from bench.cli.output import message
+from bench.errors import BadInput, RunFailed
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from bench.campaign.campaign import Count
+    from bench.campaign.study import Study
+
+EXIT_CODES = (
+    "Exit codes: 0 all runs are made, however they ended, 1 the campaign could not go on (its rows stay: --resume), "
+    "2 bad input."
+)
+PLAIN_STEP_S = 10.0
+"""Time in s between lines of progress if there is no terminal for a bar."""
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of a campaign.")]
+
+
+class _StudyFirst(HelpGroup):
+    """A group whose first argument may be a study in place of a command."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+campaign_app = App(
+    name="campaign",
+    cls=_StudyFirst,
+    help="Make many runs of a scenario over its uncertainties, and say what they show: "
+    "platoon campaign STUDY.toml is short for platoon campaign run STUDY.toml.",
+    epilog=EXIT_CODES,
+)
+
+
+@campaign_app.command(epilog=EXIT_CODES)
+def run(
+    study: Annotated[
+        str | None, typer.Argument(metavar="STUDY", help="A study's TOML file, or a shipped study.", show_default=False)
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, max=1024, help="Processes on this machine; one per core if not given."),
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="tcp://HOST:8786", help="A Dask scheduler, whose workers make the runs.")
+    ] = None,
+    scheduler_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The file in which a Dask scheduler says where it is.")
+    ] = None,
+    runs: Annotated[int | None, typer.Option(metavar="N", help="Number of runs in place of the study's.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The folder for the results; logs/NAME if not given.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Make the runs that a folder does not have yet.")] = False,
+    keep: Annotated[
+        str | None,
+        typer.Option(metavar="NUMBERS|all", help="Runs whose logs are kept in any case: --keep 0,17,40-49"),
+    ] = None,
+    worst: Annotated[
+        int, typer.Option(metavar="K", min=0, max=1000, help="How many of the worst runs by each requirement keep logs.")
+    ] = 5,
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard", help="Serve Dask's dashboard on this machine, and print its address.")
+    ] = False,
+    example: Annotated[bool, typer.Option("--example", help="Print a study that explains itself.")] = False,
+) -> None:
+    """Make the runs of a study, and show what they say.
+
+    Examples:
+      platoon campaign --example > mine.toml
+      platoon campaign mine.toml --workers 2
+      platoon campaign mine.toml --runs 1000 --resume
+      platoon campaign robustness --cluster tcp://10.0.0.1:8786
+    """
+    from bench.campaign.study import example as example_study
+    from bench.campaign.study import load_study, shipped_studies
+
+    if example:
+        typer.echo(example_study(), nl=False)
+        return
+    if study is None:
+        raise BadInput(f"give a study: a TOML file, or a shipped one: {', '.join(shipped_studies())}")
+    if cluster and scheduler_file:
+        raise BadInput("--cluster and --scheduler-file: give one of them")
+    if workers and (cluster or scheduler_file):
+        raise BadInput("--workers is for this machine; a cluster has the workers that were started for it")
+    loaded = load_study(study, runs)
+    folder = out or LOGS / loaded.name
+    asked = _numbers(keep)
+    use_machine_code()
+    fmu = vehicle_fmu()
+    from bench.campaign.campaign import Options, begun
+    from bench.campaign.cluster import Place
+    from bench.campaign.sampling import samples
+    from bench.cli.campaign_summary import show as show_summary
+
+    with _following(loaded) as follow:
+        options = Options(
+            folder,
+            fmu,
+            Place(workers, cluster, scheduler_file, dashboard),
+            resume=resume,
+            worst=worst,
+            asked=asked,
+            follow=follow,
+            connected=_say_dashboard if dashboard else lambda _: None,
+        )
+        try:
+            with begun(loaded, options, loaded.runs) as campaign:
+                campaign.run(samples(loaded))
+        except RunFailed as error:
+            made = "" if not (folder / "parts").is_dir() else f"\nWhat is made, stays; go on: {_again(study, runs, folder)}"
+            raise type(error)(f"The campaign was stopped: {error}{made}") from error
+    show_summary(folder)
+    typer.echo(f"results: {folder}\nreport:  platoon campaign report {folder}")
+
+
+@campaign_app.command()
+def show(folder: Folder) -> None:
+    """Show what the runs of a campaign say.
+
+    Example:
+      platoon campaign show logs/seed-paper
+    """
+    from bench.cli.campaign_summary import show as show_summary
+
+    show_summary(folder)
+
+
+def _again(study: str, runs: int | None, folder: Path) -> str:
+    """Return the command that goes on with a campaign."""
+    number = "" if runs is None else f" --runs {runs}"
+    return f"platoon campaign {shlex.quote(study)}{number} --out {shlex.quote(str(folder))} --resume"
+
+
+def _say_dashboard(client: Client) -> None:
+    typer.echo(message(f"Dask's dashboard: {client.dashboard_link}"), err=True)
+
+
+@contextmanager
+def _following(study: Study) -> Iterator[Callable[[Count], None]]:
+    """Show the progress of a campaign on standard error."""
+    if not sys.stderr.isatty():
+        yield _plain(study)
+        return
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+
+    from bench.cli.terminal import progress
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[said]}"))
+    with progress(*columns) as bars:
+        task = bars.add_task(study.name, total=None, said="starting workers")
+
+        def follow(count: Count) -> None:
+            bars.update(task, total=count.total, completed=count.done, said=_said(count))
+
+        yield follow
+
+
+def _plain(study: Study) -> Callable[[Count], None]:
+    told = time.monotonic()
+
+    def follow(count: Count) -> None:
+        nonlocal told
+        if time.monotonic() - told >= PLAIN_STEP_S or count.done == count.total:
+            told = time.monotonic()
+            typer.echo(f"{study.name}: {_said(count)}", err=True)
+
+    return follow
+
+
+def _said(count: Count) -> str:
+    """Return how far a campaign is, in words."""
+    of = f"{count.done} runs" if count.total is None else f"{count.done} of {count.total} runs"
+    left = "" if count.left_s is None else f", {_duration(count.left_s)} to go"
+    return f"{of}, {count.failures} failed, {count.rate:.2f} a second{left}"
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def _numbers(text: str | None) -> set[int] | None:
+    """Return the numbers of runs in a text such as `0,17,40-49`; None for all.
+
+    Raises:
+        BadInput: it is none.
+    """
+    if text == "all":
+        return None
+    found: set[int] = set()
+    for part in text.split(",") if text else []:
+        match = re.fullmatch(r"\s*(\d{1,7})(?:-(\d{1,7}))?\s*", part)
+        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
+        if first > last:
+            raise BadInput(f"--keep {text}: {part} is no run; allowed: numbers and ranges such as 0,17,40-49, or all")
+        found.update(range(first, last + 1))
+    return found
