@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.campaign.cluster import Place, connected
-from bench.campaign.jobs import CRASHED, OK, REFUSED, Job, Made, Setup
+from bench.campaign.jobs import CRASHED, REFUSED, Job, Made, Setup
 from bench.campaign.keeping import WORST, Keeping, failed
 from bench.campaign.results import METRIC
 from bench.campaign.sampling import Sample
@@ -24,7 +24,10 @@ from bench.conductor.interrupts import Interrupts
 from bench.errors import RunFailed
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client
+    from distributed import Future as DaskFuture
+
+    Future = DaskFuture[Made]
 
 AHEAD = 4
 """Runs that are sent ahead, for each thread of the workers."""
@@ -155,7 +158,7 @@ class Campaign:
         rows = []
         for made, job, key in landed:
             if made.log is not None:
-                self._store.keep(made)
+                self._store.keep(made, dict(job.values))
                 self._store.drop(self._keeping.note(made))
             rows.append(self._store.row(made, key, dict(job.values)))
         self._store.add(rows)
@@ -219,7 +222,7 @@ class Options:
 
     folder: Path
     fmu: Path
-    place: Place = Place()
+    place: Place = field(default_factory=Place)
     resume: bool = False
     worst: int = WORST
     asked: Collection[int] | None = ()
@@ -243,7 +246,7 @@ def begun(study: Study, options: Options, total: int | None) -> Iterator[Campaig
     """
     check(options.folder, study, resume=options.resume)
     name = f"platoon-{study.name}-{uuid.uuid4().hex[:8]}"
-    setup = Setup(name, study, study.base_file(), options.fmu.read_bytes(), versions())
+    setup = Setup(name, study, study.files(), options.fmu.read_bytes(), versions())
     with ExitStack() as stack:
         interrupts = stack.enter_context(Interrupts())
         client = stack.enter_context(connected(options.place))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.campaign.version import versions
+from bench.campaign.version import difference, versions
 from bench.errors import BadInput, RunFailed
 
 if TYPE_CHECKING:  # distributed takes half a second to import
@@ -54,17 +54,14 @@ def connected(place: Place) -> Iterator[Client]:
     import dask
 
     settings = {
-        # What goes wrong is said by the campaign, once and in its own words.
-        "distributed.logging": {"distributed": "critical", "bokeh": "critical", "tornado": "critical"},
         "distributed.comm.timeouts.connect": f"{CONNECT_S:g}s",
         # As in all processes of the bench: nothing is imported from the working directory, one thread each.
         "distributed.nanny.pre-spawn-environ": {
             **{f"{library}_NUM_THREADS": "1" for library in ("OMP", "MKL", "OPENBLAS")},
             "PYTHONSAFEPATH": "1",
         },
-        # There is nothing to install.
-        "distributed.admin.system-monitor.gil.enabled": False,
     }
+    # What goes wrong is said by the campaign, once and in its own words.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     with dask.config.set(settings):
         there = place.address or place.scheduler_file
@@ -135,22 +132,15 @@ def check(client: Client, option: str) -> None:
         raise BadInput(f"{option}: no worker within {WORKERS_S:g} s; start some: dask worker ADDRESS --nthreads 1")
     told |= {f"the worker {address}": answer for address, answer in workers.items()}
     for where, answer in told.items():
-        problem = _difference(wanted, answer)
+        if isinstance(answer, BaseException):
+            problem = f"cannot import the bench ({type(answer).__name__}: {answer})"
+        else:
+            problem = difference(wanted, answer)
         if problem:
             raise BadInput(
                 f"{option}: {where} {problem}; install the same state of the project and the same packages"
                 " (constraints.txt) there, and start it again"
             )
-
-
-def _difference(wanted: Mapping[str, str], answer: Mapping[str, str] | BaseException) -> str:
-    """Return how versions differ from those here; empty if they do not."""
-    if isinstance(answer, BaseException):
-        return f"cannot import the bench ({type(answer).__name__}: {answer})"
-    differing = [
-        f"{name} {answer.get(name)} instead of {value}" for name, value in wanted.items() if answer.get(name) != value
-    ]
-    return f"has {', '.join(differing)}" if differing else ""
 
 
 def _cores() -> int:

@@ -22,14 +22,14 @@ class Setup:
     Attributes:
         name: of the campaign's plugin, no two campaigns have the same.
         study: the study.
-        base_file: name and content of the base scenario's file, which a worker may not have; None for other bases.
+        files: contents of the user's files by path, which a worker on another machine may not have.
         fmu: the vehicle's FMU.
         versions: see `bench.campaign.version`.
     """
 
     name: str
     study: Study
-    base_file: tuple[str, bytes] | None
+    files: Mapping[str, bytes]
     fmu: bytes
     versions: Mapping[str, str]
 
@@ -63,7 +63,6 @@ class Made:
         wall_s: wall-clock time of the last try, s.
         worker: address of the worker.
         metrics: its metrics by name; empty if it did not reach its end.
-        scenario: the scenario as TOML if the log is kept.
         log: the log's content if it is to be kept.
     """
 
@@ -74,5 +73,4 @@ class Made:
     wall_s: float = 0.0
     worker: str = ""
     metrics: Mapping[str, Metric] = field(default_factory=dict)
-    scenario: str = ""
     log: bytes | None = None

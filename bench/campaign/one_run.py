@@ -25,6 +25,7 @@ from bench.campaign.study import Study
 from bench.conductor.linux import die_with_parent, set_name
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
+from bench.ecu.loading import DEFAULT_ECUS
 from bench.errors import BadInput, BenchError, shortage
 from bench.record import Run
 
@@ -32,10 +33,13 @@ NICE = 10
 
 
 def main() -> None:
-    """Answer requests until standard input ends; `sys.argv[1]` is the pickled study, `sys.argv[2]` the FMU."""
+    """Say that this process is ready, then answer requests until standard input ends.
+
+    `sys.argv[1]` is the pickled study, `sys.argv[2]` the FMU.
+    """
     die_with_parent()
     set_name("campaign run")
-    faulthandler.enable()
+    faulthandler.enable(all_threads=False)
     # Ctrl-C at the terminal is for the command, which ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.nice(NICE)
@@ -44,6 +48,8 @@ def main() -> None:
     study: Study = pickle.loads(Path(sys.argv[1]).read_bytes())
     fmu = Path(sys.argv[2])
     gc.freeze()
+    answers.write("{}\n")
+    answers.flush()
     for line in sys.stdin:
         request = json.loads(line)
         answer = answer_to(study, fmu, request["number"], request["values"], Path(request["log"]))
@@ -52,7 +58,7 @@ def main() -> None:
 
 
 def answer_to(study: Study, fmu: Path, number: int, values: dict[str, Any], log: Path) -> dict[str, Any]:
-    """Make a run, and return its status, words, metrics, scenario as TOML and wall-clock time in s.
+    """Make a run, and return its status, words, metrics and wall-clock time in s.
 
     Args:
         study: what it is a run of.
@@ -62,26 +68,20 @@ def answer_to(study: Study, fmu: Path, number: int, values: dict[str, Any], log:
         log: where its log is written.
     """
     began = time.perf_counter()
-    status, words, metrics, scenario = OK, "", {}, ""
+    status, words, metrics = OK, "", {}
     try:
         loaded = study.scenario(number, values)
     except BadInput as error:
         status, words = REFUSED, str(error)
     else:
-        scenario = loaded.toml()
         command = ["platoon", "campaign", study.name, f"run {number}"]
         try:
-            run(RunOptions(loaded, Address.parse("direct"), log, command, fmu=fmu))
+            ecus = {**DEFAULT_ECUS, **study.ecus}
+            run(RunOptions(loaded, Address.parse("direct"), log, command, ecus=ecus, fmu=fmu))
             metrics = flat_metrics(compute(Run(log)), loaded)
         except BenchError as error:
             # Where the log is, is another place for the user.
             status, words = FAILED, str(error).partition("\nThe log up to there is")[0]
         except Exception as error:  # noqa: BLE001 - one bad run is a row of the campaign, and never its end
             status, words = FAILED, shortage(error) or f"{type(error).__name__}: {error}"
-    return {
-        "status": status,
-        "words": words,
-        "metrics": metrics,
-        "scenario": scenario,
-        "wall_s": time.perf_counter() - began,
-    }
+    return {"status": status, "words": words, "metrics": metrics, "wall_s": time.perf_counter() - began}

@@ -15,10 +15,10 @@ from typing import Any
 
 from platoon_fmu.interpreter import python
 
-MOST_WORDS = 2000
-"""Characters kept of what a crashed process said last."""
+MOST_WORDS = 1000
+"""Characters kept of what a process said before it died: the error, and where it was."""
 START_S = 120.0
-"""Time in s in which a process must have started, in addition to a run's time limit."""
+"""Time in s in which a process must have started."""
 
 
 class Crashed(Exception):
@@ -54,7 +54,7 @@ class RunProcess:
             start_new_session=True,
         )
         self._rest = b""
-        self._starting = True
+        self._is_ready = False
 
     def ask(self, number: int, values: dict[str, Any], log: Path, limit_s: float) -> dict[str, Any]:
         """Have a run made, and return the answer, see `bench.campaign.one_run.answer_to`.
@@ -69,20 +69,17 @@ class RunProcess:
             Crashed: the process has died.
             TooLong: the run took too long; the process is killed.
         """
+        if not self._is_ready:
+            self._answer(START_S, f"its process did not start within {START_S:g} s")
+            self._is_ready = True
+        self._said.seek(0)
+        self._said.truncate()
         request = json.dumps({"number": number, "values": values, "log": str(log)}) + "\n"
         try:
             os.write(self._process.stdin.fileno(), request.encode())  # type: ignore[union-attr]
         except BrokenPipeError:
             raise Crashed(self._how_it_ended()) from None
-        line = self._line(time.monotonic() + limit_s + (START_S if self._starting else 0.0))
-        if line is None:
-            self.close()
-            raise TooLong(f"took longer than {limit_s:g} s and was ended")
-        if not line:
-            raise Crashed(self._how_it_ended())
-        self._starting = False
-        answer: dict[str, Any] = json.loads(line)
-        return answer
+        return self._answer(limit_s, f"took longer than {limit_s:g} s and was ended")
 
     def close(self) -> None:
         """Kill it."""
@@ -93,6 +90,21 @@ class RunProcess:
             if stream is not None:
                 with suppress(OSError):
                     stream.close()
+
+    def _answer(self, limit_s: float, too_long: str) -> dict[str, Any]:
+        """Return the next answer.
+
+        Raises:
+            Crashed, TooLong: see `ask`; `too_long` is what the latter says.
+        """
+        line = self._line(time.monotonic() + limit_s)
+        if line is None:
+            self.close()
+            raise TooLong(too_long)
+        if not line:
+            raise Crashed(self._how_it_ended())
+        answer: dict[str, Any] = json.loads(line)
+        return answer
 
     def _line(self, until: float) -> bytes | None:
         """Return the next line; empty if the process has ended, None if there was none in time."""
@@ -111,11 +123,10 @@ class RunProcess:
         return line
 
     def _how_it_ended(self) -> str:
-        """Return how the process ended and what it said last, and forget it."""
+        """Return how the process ended and what it said, and forget it."""
         code = self._process.wait()
-        size = self._said.seek(0, os.SEEK_END)
-        self._said.seek(max(0, size - MOST_WORDS))
-        said = self._said.read().decode(errors="replace").strip()
+        self._said.seek(0)
+        said = self._said.read(MOST_WORDS).decode(errors="replace").strip()
         self.close()
         if code >= 0:
             how = f"its process ended with exit code {code}"

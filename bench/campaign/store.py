@@ -81,7 +81,9 @@ class Store:
         self._sizes: dict[int, list[Path]] = {}
         for path in sorted(self._parts.glob("*.parquet")):
             self._sizes.setdefault(_size_of(path), []).append(path)
-        self._next = 1 + max((int(path.stem.split("-")[1]) for each in self._sizes.values() for path in each), default=-1)
+        self._next = 1 + max(
+            (int(path.stem.split("-")[1]) for each in self._sizes.values() for path in each), default=-1
+        )
 
     def key(self, number: int, values: dict[str, Value]) -> str:
         """Return the key of a run: a hash of its scenario, seed included, and of the code.
@@ -123,8 +125,8 @@ class Store:
             **{REQUIREMENT + each.text: each.met(made.metrics) for each in self.study.requirements},
         }
 
-    def keep(self, made: Made) -> None:
-        """Write the log of a run, and its scenario.
+    def keep(self, made: Made, values: dict[str, Value]) -> None:
+        """Write the log of a run, and its scenario, with which `platoon run` makes the same run.
 
         Raises:
             RunFailed: they cannot be written.
@@ -135,7 +137,7 @@ class Store:
         with _writing(log) as aside:
             aside.write_bytes(made.log)
         with _writing(log.with_suffix(".toml")) as aside:
-            aside.write_text(made.scenario, encoding="utf-8")
+            aside.write_text(self.study.scenario(made.number, values).toml(), encoding="utf-8")
 
     def drop(self, numbers: Iterable[int]) -> None:
         """Remove the logs of runs."""
@@ -253,9 +255,11 @@ def _writing(target: Path) -> Iterator[Path]:
 
 
 def _identity(study: Study) -> str:
-    """Return what all runs of a study have in common, as text."""
-    file = study.base_file()
-    return f"{code_version()}\n{study.base if file is None else file}"
+    """Return what all runs of a study have in common, as text; files by their content, wherever they are."""
+    files = study.files()
+    places = {place: hashlib.sha256(content).hexdigest() for place, content in files.items()}
+    common = study.with_files(places)
+    return json.dumps([code_version(), common.base, sorted(common.ecus.items())])
 
 
 def _size_of(part: Path) -> int:

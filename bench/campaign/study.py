@@ -10,8 +10,8 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -21,6 +21,7 @@ from pydantic import BaseModel, Field, ValidationError, model_validator
 
 from bench.campaign.distributions import Distribution, Normal, Value
 from bench.campaign.requirements import Requirement, default_requirements, requirement
+from bench.ecu.loading import load_class
 from bench.errors import BadInput
 from bench.faults.profile import STRICT
 from bench.scenario import Scenario, load, shipped
@@ -145,6 +146,8 @@ class StudyFile(BaseModel):
         sampling: how the inputs' values are chosen.
         time_limit_s: longest time of a run (s) before it is given up.
         requirements: limits of metrics, such as `least_clearance_m > 1.0`; those of a run's report if not given.
+        ecus: classes in place of the bench's ECUs, by role, such as `tracker = "my_ecu.py:MyTracker"`; a file's place
+            is as seen from the study's.
         inputs: what is uncertain.
         groups: normal inputs that are correlated.
     """
@@ -159,6 +162,7 @@ class StudyFile(BaseModel):
     sampling: Sampling = "monte-carlo"
     time_limit_s: Annotated[float, Field(gt=0, le=86_400)] = 120.0
     requirements: Annotated[tuple[str, ...], Field(max_length=MOST_REQUIREMENTS)] | None = None
+    ecus: dict[Literal["planner", "tracker"], str] = {}
     inputs: Annotated[tuple[Input, ...], Field(max_length=MOST_INPUTS)] = ()
     groups: Annotated[tuple[Group, ...], Field(max_length=MOST_INPUTS)] = ()
 
@@ -176,6 +180,7 @@ class Study:
         inputs: what is uncertain and independent.
         groups: normal inputs that are correlated.
         requirements: limits of metrics.
+        ecus: the class of each role's ECU, as `bench.ecu.loading.load_class` takes it.
         time_limit_s: longest time of a run, s.
         text: the study as TOML that `load_study` reads back, from any directory, without the file's comments; a base
             scenario's file is not in it.
@@ -189,6 +194,7 @@ class Study:
     inputs: tuple[Input, ...]
     groups: tuple[Group, ...]
     requirements: tuple[Requirement, ...]
+    ecus: Mapping[str, str]
     time_limit_s: float
     text: str
 
@@ -211,18 +217,22 @@ class Study:
             found[each.key] = kinds.pop() if len(kinds) == 1 else float if numbers else str
         return found
 
-    def base_file(self) -> tuple[str, bytes] | None:
-        """Return name and content of the base scenario's file; None if the base is no file of the user's.
+    def files(self) -> dict[str, bytes]:
+        """Return the contents of the user's files that runs depend on, by path: base scenario and ECUs.
 
         Raises:
-            BadInput: it cannot be read.
+            BadInput: one cannot be read.
         """
-        if self.base == RANDOM or self.base in shipped():
-            return None
+        places = [*_own_ecu_files(self.ecus), *([] if self.base == RANDOM or self.base in shipped() else [self.base])]
         try:
-            return Path(self.base).name, Path(self.base).read_bytes()
+            return {place: Path(place).read_bytes() for place in places}
         except OSError as error:
-            raise BadInput(f"Cannot read the scenario {self.base}: {error.strerror}.") from error
+            raise BadInput(f"Study {self.name}: cannot read {error.filename}: {error.strerror}") from error
+
+    def with_files(self, places: Mapping[str, str]) -> Self:
+        """Return the study with other places for its files."""
+        ecus = {role: ":".join([places.get(file, file), name]) for role, (file, name) in _parted(self.ecus)}
+        return replace(self, base=places.get(self.base, self.base), ecus=ecus)
 
     def continues(self, text: str) -> bool:
         """Return whether runs of a study, given as TOML, are runs of this one too.
@@ -279,6 +289,8 @@ def load_study(path_or_shipped_name: str | Path, runs: int | None = None) -> Stu
     _check_together(path, stated, inputs)
     base = _base(path, stated.base)
     document["base"] = base
+    ecus = _ecus(path, dict(stated.ecus.items()))
+    document["ecus"] = ecus
     most = stated.runs if runs is None else runs
     document["runs"] = _number_of_runs(path, stated, most)
     study = Study(
@@ -290,6 +302,7 @@ def load_study(path_or_shipped_name: str | Path, runs: int | None = None) -> Stu
         inputs=stated.inputs,
         groups=stated.groups,
         requirements=(),
+        ecus=ecus,
         time_limit_s=stated.time_limit_s,
         text=tomli_w.dumps(document),
     )
@@ -393,6 +406,30 @@ def _base(path: Path, base: str) -> str:
     )
 
 
+def _ecus(path: Path, stated: Mapping[str, str]) -> dict[str, str]:
+    """Return the classes of ECUs, files with their absolute path, after loading each."""
+    found = {}
+    for role, spec in stated.items():
+        file, _, name = spec.rpartition(":")
+        found[role] = f"{(path.parent / file).resolve()}:{name}" if file.endswith(".py") else spec
+        try:
+            load_class(found[role], role)
+        except BadInput as error:
+            raise BadInput(f"Study {path}: ecus.{role}: {error}") from error
+    return found
+
+
+def _parted(ecus: Mapping[str, str]) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Yield each role with the file or module of its class, and the name."""
+    for role, spec in ecus.items():
+        place, _, name = spec.rpartition(":")
+        yield role, (place, name)
+
+
+def _own_ecu_files(ecus: Mapping[str, str]) -> list[str]:
+    return sorted({place for _, (place, _) in _parted(ecus) if place.endswith(".py")})
+
+
 def _checked_base(path: Path, study: Study) -> Scenario:
     try:
         return study.scenario(0, {})
@@ -437,8 +474,7 @@ def _with_requirements(path: Path, study: Study, texts: Sequence[str] | None, sc
     twice = [text for text, count in Counter(each.text for each in found).items() if count > 1]
     if twice:
         raise BadInput(f'Study {path}: the requirement "{twice[0]}" is stated more than once; state it once')
-    fields = {**study.__dict__, "requirements": found}
-    return Study(**fields)
+    return replace(study, requirements=found)
 
 
 def _toml(value: Value) -> str:
@@ -468,6 +504,9 @@ time_limit_s = 120.0
 
 # Limits of metrics; left out, they are the requirements of a run's report.
 requirements = ["formed == true", "least_clearance_m > 1.0", "comfort_lateral_acceleration_max_mps2 < 5.0"]
+
+# Classes in place of the bench's ECUs; a file's place is as seen from this one's.
+# ecus = { tracker = "my_ecu.py:MyTracker" }
 
 # Any key that `--set` takes; `platoon scenarios keys` lists them.
 [[inputs]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import sys
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -41,3 +42,11 @@ def versions() -> dict[str, str]:
         "machine": f"{sys.platform} {platform.machine()}",
         **{name: version(name) for name in PACKAGES},
     }
+
+
+def difference(wanted: Mapping[str, str], have: Mapping[str, str]) -> str:
+    """Return how versions differ from those wanted, as the end of a sentence; empty if they do not."""
+    differing = [
+        f"{name} {have.get(name)} instead of {each}" for name, each in wanted.items() if have.get(name) != each
+    ]
+    return f"has {', '.join(differing)}" if differing else ""

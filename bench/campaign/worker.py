@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import pickle
 import tempfile
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, LifoQueue
-from typing import Any
+from typing import Any, cast
 
 from distributed import Worker, WorkerPlugin, get_worker
 
 from bench.campaign.jobs import CRASHED, MOST_TRIES, OK, REFUSED, TIMEOUT, Job, Made, Setup
 from bench.campaign.keeping import is_wanted
 from bench.campaign.run_process import Crashed, RunProcess, TooLong
-from bench.campaign.version import versions
+from bench.campaign.version import difference, versions
 from bench.errors import BadInput, shortage
 
 
@@ -37,14 +38,10 @@ class Runner(WorkerPlugin):
         check_versions(self._setup.versions, worker.address)
         self._worker = worker
         self._idle: LifoQueue[RunProcess] = LifoQueue()
-        self._place = tempfile.TemporaryDirectory(prefix="platoon-campaign-")
+        self._place = tempfile.TemporaryDirectory(prefix="platoon-", dir=worker.local_directory)
         self._folder = Path(self._place.name)
-        study, base_file = self._setup.study, self._setup.base_file
-        if base_file is not None:
-            # The name of a scenario may be that of its file.
-            base = self._folder / Path(base_file[0]).name
-            base.write_bytes(base_file[1])
-            study = replace(study, base=str(base))
+        places = {place: self._place_of(place, content) for place, content in self._setup.files.items()}
+        study = self._setup.study.with_files(places)
         (self._folder / "study.pickle").write_bytes(pickle.dumps(study))
         (self._folder / "Vehicle.fmu").write_bytes(self._setup.fmu)
 
@@ -59,20 +56,27 @@ class Runner(WorkerPlugin):
         """Make a run, a second time if it did not reach its end."""
         log = self._folder / f"run-{job.number}.mcap"
         try:
-            for tries in range(1, MOST_TRIES + 1):
+            tries, answer = 1, self._answer(job, log)
+            while answer["status"] not in (OK, REFUSED) and tries < MOST_TRIES:
                 log.unlink(missing_ok=True)
-                answer = self._answer(job, log)
-                if answer["status"] in (OK, REFUSED):
-                    break
-            scenario = answer.pop("scenario", "")
+                tries, answer = tries + 1, self._answer(job, log)
             address = "" if self._worker is None else self._worker.address
             made = Made(number=job.number, tries=tries, worker=address, **answer)
             wanted = job.keep or is_wanted(made, self._setup.study.requirements, job.worst)
             if wanted and made.status != REFUSED:
-                made = replace(made, scenario=scenario, log=log.read_bytes() if log.is_file() else None)
+                made = replace(made, log=log.read_bytes() if log.is_file() else None)
         finally:
             log.unlink(missing_ok=True)
         return made
+
+    def _place_of(self, place: str, content: bytes) -> str:
+        """Return where this machine has a file of the user's, with what lies beside it if it has the user's folder."""
+        with suppress(OSError):
+            if Path(place).read_bytes() == content:
+                return place
+        copy = self._folder / Path(place).name
+        copy.write_bytes(content)
+        return str(copy)
 
     def _answer(self, job: Job, log: Path) -> dict[str, Any]:
         try:
@@ -100,20 +104,16 @@ def make(name: str, job: Job) -> Made:
         name: of the campaign's plugin.
         job: the run.
     """
-    runner: Runner = get_worker().plugins[name]
+    runner = cast(Runner, get_worker().plugins[name])
     return runner.made(job)
 
 
-def check_versions(wanted: dict[str, str], where: str) -> None:
+def check_versions(wanted: Mapping[str, str], where: str) -> None:
     """Compare the versions of this process with those of the client.
 
     Raises:
         BadInput: they differ.
     """
-    have = versions()
-    differing = [f"{name} {have.get(name)} instead of {value}" for name, value in wanted.items() if have.get(name) != value]
-    if differing:
-        raise BadInput(
-            f"worker {where} has {', '.join(differing)}; allowed: the same as here; install the same state of the"
-            " project there, and start the worker again"
-        )
+    problem = difference(wanted, versions())
+    if problem:
+        raise BadInput(f"the worker {where} {problem}; install the same state of the project there, and start it again")

@@ -79,8 +79,9 @@ def run(
         typer.Option(metavar="NUMBERS|all", help="Runs whose logs are kept in any case: --keep 0,17,40-49"),
     ] = None,
     worst: Annotated[
-        int, typer.Option(metavar="K", min=0, max=1000, help="How many of the worst runs by each requirement keep logs.")
-    ] = 5,
+        int,
+        typer.Option(metavar="K", min=0, max=1000, help="How many of the worst runs by each requirement keep a log."),
+    ] = 3,
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="Serve Dask's dashboard on this machine, and print its address.")
     ] = False,
@@ -131,8 +132,9 @@ def run(
             with begun(loaded, options, loaded.runs) as campaign:
                 campaign.run(samples(loaded))
         except RunFailed as error:
-            made = "" if not (folder / "parts").is_dir() else f"\nWhat is made, stays; go on: {_again(study, runs, folder)}"
-            raise type(error)(f"The campaign was stopped: {error}{made}") from error
+            stays = f"\nWhat is made, stays; go on with: {_again(study, runs, folder)}"
+            there = stays if (folder / "parts").is_dir() else ""
+            raise type(error)(f"The campaign was stopped: {error}{there}") from error
     show_summary(folder)
     typer.echo(f"results: {folder}\nreport:  platoon campaign report {folder}")
 
