@@ -344,7 +344,7 @@ class _Flight:
 
     def _count_threads(self) -> int:
         try:
-            threads = sum(self._client.nthreads().values())
+            threads = int(sum(self._client.nthreads().values()))
         except OSError as error:
             raise RunFailed(_GONE) from error
         self._most = max(LEAST_AHEAD, AHEAD * threads)
