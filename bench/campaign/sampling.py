@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from bench.campaign.distributions import Value
 from bench.campaign.study import WITHOUT_CHANCE, Study
+from bench.campaign.unit_cube import columns_at
 from bench.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
@@ -43,7 +44,7 @@ def samples(study: Study) -> list[Sample]:
         ]
         rows = list(itertools.product(*points))
     elif study.keys:
-        rows = list(zip(*_columns(study, _shares(study)), strict=True))
+        rows = list(zip(*columns_at(study, _shares(study)), strict=True))
     else:
         rows = [()] * study.runs
     keys = study.keys
@@ -74,24 +75,3 @@ def _shares(study: Study) -> Array:
         # That a power of two is better balanced is said in the example of a study.
         warnings.filterwarnings("ignore", "The balance properties", UserWarning)
         return np.asarray(qmc.Sobol(count, rng=study.seed).random(runs))
-
-
-def _columns(study: Study, shares: Array) -> list[list[Value]]:
-    """Return the values of each input from its column of shares; those of groups are made to correlate first."""
-    columns = [each.distribution.at(shares[:, place]) for place, each in enumerate(study.inputs)]
-    place = len(study.inputs)
-    for group in study.groups:
-        inputs = group.inputs()
-        own = _correlated(shares[:, place : place + len(inputs)], np.array(group.correlation))
-        columns += [each.distribution.at(own[:, index]) for index, each in enumerate(inputs)]
-        place += len(inputs)
-    return columns
-
-
-def _correlated(shares: Array, correlation: Array) -> Array:
-    """Return shares (n, k) whose normal quantiles have this correlation (k, k): a Gaussian copula."""
-    from scipy.special import ndtr, ndtri
-
-    # A share of 0 has no finite quantile.
-    independent = ndtri(np.clip(shares, np.finfo(float).tiny, 1.0 - np.finfo(float).epsneg))
-    return np.asarray(ndtr(independent @ np.linalg.cholesky(correlation).T))

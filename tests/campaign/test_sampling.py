@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest, loguniform, spearmanr, truncnorm, uniform
 
@@ -68,6 +68,7 @@ def test_the_same_study_has_the_same_samples_numbered_from_0(sampling, seed, run
 
 
 @given(st.sampled_from(["monte-carlo", "sobol"]), st.integers(0, 2**32 - 1), st.integers(1, 70), st.integers(0, 70))
+@example("monte-carlo", 57, 1, 1)
 @settings(max_examples=40, deadline=None)
 def test_a_longer_campaign_begins_with_the_shorter_one(sampling, seed, runs, more):
     short, long = (samples(a_study(sampling, runs=count, seed=seed)) for count in (runs, runs + more))
