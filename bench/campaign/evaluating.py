@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.campaign.distributions import Value
+from bench.campaign.jobs import REFUSED
 from bench.campaign.requirements import METRIC_NAMES, Metric, Requirement
-from bench.campaign.results import REFUSED
 from bench.campaign.study import Study
 from bench.errors import BadInput
 from bench.scenario.errors import closest
@@ -26,7 +26,7 @@ class Outcome:
     Attributes:
         number: of the row in the campaign's table.
         metrics: of its run by name; None if the run did not reach its end, or there was none.
-        status: how it ended, `bench.campaign.results.REFUSED` if the values make no scenario.
+        status: how it ended, `bench.campaign.jobs.REFUSED` if the values make no scenario.
         words: why, if it did not reach its end.
     """
 

@@ -42,7 +42,7 @@ def check_base(study: Study) -> None:
     Raises:
         BadInput: its base is the random family.
     """
-    if study.base == RANDOM:
+    if study.by_number:
         raise BadInput(
             f'Study {study.name}: base = "{RANDOM}" is another scenario in each run, but this needs one of which only'
             ' the inputs vary; save one by `platoon scenarios --random 7 > mine.toml`, set base = "mine.toml" and'

@@ -2,8 +2,8 @@
 
 from bench.campaign.distributions import Choice, Integers, Normal, Uniform
 from bench.campaign.evaluating import Outcome
+from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement
-from bench.campaign.results import ENDED, REFUSED
 from bench.campaign.study import Input, Study
 
 METRIC = "least_clearance_m"
@@ -40,6 +40,7 @@ def study_of(*distributions, base="formation", seed=1, groups=(), requirements=(
         inputs=inputs,
         groups=groups,
         requirements=requirements,
+        ecus={},
         time_limit_s=1.0,
         text="",
     )
@@ -66,4 +67,4 @@ class Evaluated:
     def outcome(number, found):
         if isinstance(found, str):
             return Outcome(number, None, found, "refused" if found == REFUSED else "it broke")
-        return Outcome(number, {METRIC: found}, ENDED, "")
+        return Outcome(number, {METRIC: found}, OK, "")

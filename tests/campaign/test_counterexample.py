@@ -10,8 +10,8 @@ from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
 from bench.campaign.counterexample import base_value, made_small, scenario_text, write_scenario
 from bench.campaign.evaluating import Outcome
+from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement, flat_metrics
-from bench.campaign.results import ENDED, REFUSED
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BadInput, RunFailed
@@ -142,7 +142,7 @@ def test_the_failure_stays_of_its_kind():
     assert crash.outcome.status == "crashed"
     assert crash.values == {"road.force_y_n": 301.0, "platoon.gap_m": 12.01}
     missed, _ = small({**VALUES, "platoon.gap_m": 11.0}, clearance)
-    assert missed.outcome.status == ENDED
+    assert missed.outcome.status == OK
     assert missed.values == {"road.force_y_n": 301.0}
 
 
@@ -150,7 +150,7 @@ def test_equalities_can_be_failed_too():
     limit = Requirement("formed", "==", 1.0)
 
     def evaluate(batch):
-        return [Outcome(0, {"formed": v.get("road.lambda_r", 0.0) > -0.1}, ENDED, "") for v in batch]
+        return [Outcome(0, {"formed": v.get("road.lambda_r", 0.0) > -0.1}, OK, "") for v in batch]
 
     assert made_small(STUDY, limit, VALUES, evaluate).values == {"road.lambda_r": -0.1}
 
@@ -250,7 +250,7 @@ class RealRuns:
         except BadInput as error:
             return Outcome(self.count, None, REFUSED, str(error))
         log = self.log_of(scenario)
-        return Outcome(self.count, flat_metrics(compute(Run(log)), scenario), ENDED, "")
+        return Outcome(self.count, flat_metrics(compute(Run(log)), scenario), OK, "")
 
 
 def test_a_counterexample_of_real_runs_fails_by_itself_with_the_same_bytes(tmp_path):

@@ -48,6 +48,7 @@ def a_study(sampling="monte-carlo", *, runs=100, seed=1, inputs=INPUTS, groups=(
         inputs=inputs,
         groups=groups,
         requirements=(),
+        ecus={},
         time_limit_s=1.0,
         text="",
     )

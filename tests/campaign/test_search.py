@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.campaign.evaluating import Outcome, Remembered, fails, margin_of, requirement_on
+from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement
-from bench.campaign.results import ENDED, REFUSED
 from bench.campaign.search import FRUITLESS_STARTS, search
 from bench.errors import BadInput
 from tests.campaign.evaluations import ABOVE_0, METRIC, Evaluated, choice, integers, normal, study_of, uniform
@@ -189,11 +189,11 @@ def test_a_metric_without_one_limit_is_refused_with_those_allowed(metric, messag
 @pytest.mark.parametrize(
     ("outcome", "margin", "failed"),
     [
-        (Outcome(0, {METRIC: 0.5}, ENDED, ""), 0.5, False),
-        (Outcome(0, {METRIC: -0.5}, ENDED, ""), -0.5, True),
-        (Outcome(0, {METRIC: 0.0}, ENDED, ""), 0.0, True),
-        (Outcome(0, {METRIC: math.nan}, ENDED, ""), -math.inf, True),
-        (Outcome(0, {METRIC: None}, ENDED, ""), None, False),
+        (Outcome(0, {METRIC: 0.5}, OK, ""), 0.5, False),
+        (Outcome(0, {METRIC: -0.5}, OK, ""), -0.5, True),
+        (Outcome(0, {METRIC: 0.0}, OK, ""), 0.0, True),
+        (Outcome(0, {METRIC: math.nan}, OK, ""), -math.inf, True),
+        (Outcome(0, {METRIC: None}, OK, ""), None, False),
         (Outcome(0, None, "timeout", "too long"), -math.inf, True),
         (Outcome(0, None, REFUSED, "no scenario"), None, False),
     ],
@@ -204,6 +204,6 @@ def test_margin_and_failure_of_a_run(outcome, margin, failed):
 
 
 def test_a_formation_that_never_was_is_beyond_every_limit_of_its_time():
-    outcome = Outcome(0, {"formation_time_s": None, "formed": False}, ENDED, "")
+    outcome = Outcome(0, {"formation_time_s": None, "formed": False}, OK, "")
     assert margin_of(outcome, LIMITS[2]) == -math.inf
     assert fails(outcome, LIMITS[2])
