@@ -1,4 +1,4 @@
-"""Prints the tables of all parts or of one: `python -m bench.benchmarks [loop|bus|fmu|live|record|rmpc|worst]`.
+"""Prints the tables of all parts or of one: `python -m bench.benchmarks [loop|bus|campaign|fmu|live|record|rmpc ...]`.
 
 `against REV` compares this checkout with another revision; `comfort` runs hundreds of random scenarios.
 """
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from rich.console import Console  # noqa: TID251 - prints figures of our own
 from rich.table import Table
 
-from bench.benchmarks import bus, fmu, live, loop, record
+from bench.benchmarks import bus, campaign, fmu, live, loop, record
 from bench.benchmarks.against import command as against
 from bench.benchmarks.comfort import command as comfort
 from bench.benchmarks.rmpc import command as rmpc
@@ -20,6 +20,7 @@ from bench.errors import BenchError
 PARTS: dict[str, Callable[[], Iterator[Table | str]]] = {
     "loop": loop.tables,
     "bus": bus.tables,
+    "campaign": campaign.tables,
     "fmu": fmu.tables,
     "live": live.tables,
     "record": record.tables,
@@ -37,8 +38,11 @@ def main() -> None:
     described = {name: parts.add_parser(name) for name in PARTS}
     rmpc.add_arguments(described["rmpc"])
     described["worst"].add_argument("--runs", type=int, default=worst.RUNS, metavar="N", help="default %(default)s")
+    campaign.add_arguments(described["campaign"])
     against.add_arguments(parts.add_parser("against", help="compare this checkout with another revision"))
-    comfort.add_arguments(parts.add_parser("comfort", help="random scenarios, and the price of comfort; takes hours"))
+    comfort.add_arguments(
+        parts.add_parser("comfort", help="random scenarios, and the price of comfort; takes half an hour")
+    )
     options = parser.parse_args()
     console = Console(width=120)
     try:
@@ -59,6 +63,9 @@ def _tables(options: argparse.Namespace) -> Iterator[Table | str]:
         return
     if options.part == "rmpc":
         yield from rmpc.measured(options)
+        return
+    if options.part == "campaign":
+        yield from campaign.measured(options)
         return
     if options.part == "worst":
         yield worst.worst_sheet(options.runs).table()

@@ -79,6 +79,7 @@ class Campaign:
 
     Attributes:
         count: how far it is.
+        task: makes a run on a worker, given the name of the plugin and the job.
     """
 
     def __init__(
@@ -90,7 +91,6 @@ class Campaign:
         total: int | None,
         interrupts: Interrupts,
         *,
-        task: Callable[..., Made] = make,
         follow: Follow = lambda _: None,
     ) -> None:
         """Take note of the runs that are there.
@@ -102,7 +102,6 @@ class Campaign:
             keeping: decides which logs stay.
             total: number of runs; None if it is not known.
             interrupts: signals that end it.
-            task: makes a run on a worker, given the name of the plugin and the job.
             follow: told after every part that was written.
         """
         self._store = store
@@ -110,7 +109,7 @@ class Campaign:
         self._plugin = plugin
         self._interrupts = interrupts
         self._keeping = keeping
-        self._task = task
+        self.task: Callable[[str, Job], Made] = make
         self._follow = follow
         self.count = Count(total)
         self._made: dict[str, int] = {}
@@ -152,7 +151,7 @@ class Campaign:
             if sample is None:
                 return
             job = Job(sample.number, sample.values, self._keeping.is_asked(sample.number), limits)
-            flight.start(self._task, self._plugin, job, key)
+            flight.start(self.task, self._plugin, job, key)
 
     def _write(self, landed: list[tuple[Made, Job, str]]) -> None:
         rows = []
@@ -287,7 +286,7 @@ class _Flight:
     def has_room(self) -> bool:
         return len(self._jobs) < self._most
 
-    def start(self, task: Callable[..., Made], plugin: str, job: Job, key: str) -> None:
+    def start(self, task: Callable[[str, Job], Made], plugin: str, job: Job, key: str) -> None:
         future = self._client.submit(task, plugin, job, key=f"{plugin}-{job.number}", pure=False)
         self._jobs[future] = job, key
         future.add_done_callback(self._landed.put)
@@ -309,7 +308,10 @@ class _Flight:
             self._check()
             return []
         self._seen = time.monotonic()
-        return [(self._result(future), *self._jobs.pop(future)) for future in found]
+        # All at once, because each request to the workers takes milliseconds.
+        finished = [future for future in found if future.status == "finished"]
+        results = dict(zip(finished, self._client.gather(finished), strict=True)) if finished else {}
+        return [(results.get(future) or self._failed(future), *self._jobs.pop(future)) for future in found]
 
     def cancel(self) -> None:
         """Give up what is being made."""
@@ -317,12 +319,14 @@ class _Flight:
             self._client.cancel(list(self._jobs), force=True)
         self._jobs.clear()
 
-    def _result(self, future: Future) -> Made:
+    def _failed(self, future: Future) -> Made:
+        """Return the row of a run that no worker has made.
+
+        Raises:
+            RunFailed: scheduler or workers are gone.
+        """
         from distributed import KilledWorker
 
-        if future.status == "finished":
-            made: Made = future.result()
-            return made
         if future.status in ("cancelled", "lost"):
             raise RunFailed(_GONE)
         error = future.exception()
