@@ -81,8 +81,10 @@ def _local(place: Place) -> Iterator[Client]:
                 threads_per_worker=1,
                 processes=True,
                 host=LOOPBACK,
-                dashboard_address=f"{LOOPBACK}:0" if place.dashboard else None,
-                worker_dashboard_address=None,
+                # Each has an HTTP server, with Dask's dashboard or without.
+                dashboard_address=f"{LOOPBACK}:0",
+                worker_dashboard_address=f"{LOOPBACK}:0",
+                scheduler_kwargs={"dashboard": place.dashboard},
                 # Runs are made by processes of their own; what a worker itself needs does not grow.
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
