@@ -5,14 +5,16 @@ from __future__ import annotations
 import queue
 import time
 import uuid
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.campaign.cluster import Place, connected
-from bench.campaign.jobs import CRASHED, REFUSED, Job, Made, Setup
+from bench.campaign.distributions import Value
+from bench.campaign.evaluating import Outcome
+from bench.campaign.jobs import CRASHED, OK, REFUSED, Job, Made, Setup
 from bench.campaign.keeping import WORST, Keeping, failed
 from bench.campaign.results import METRIC
 from bench.campaign.sampling import Sample
@@ -114,6 +116,7 @@ class Campaign:
         self.count = Count(total)
         self._made: dict[str, int] = {}
         self._numbers: dict[int, str] = {}
+        self._outcomes: dict[str, Outcome] | None = None
         self._recall()
 
     def run(self, samples: Iterable[Sample]) -> None:
@@ -127,6 +130,29 @@ class Campaign:
         for _ in self._made_of(self._missing(samples, copies)):
             pass
         self._copy(copies)
+
+    def threads(self) -> int:
+        """Return how many runs the cluster makes at a time."""
+        return max(1, int(sum(self._client.nthreads().values())))
+
+    def evaluate(self, batch: Sequence[dict[str, Value]]) -> list[Outcome]:
+        """Return what the runs with these values say, in their order; those that are there are not made again.
+
+        Runs are numbered as they come, so that the study's base must be one scenario (`Study.by_number`).
+
+        Raises:
+            RunFailed: see `run`.
+            Interrupted: see `run`.
+        """
+        if self._outcomes is None:
+            self._outcomes = {row["key"]: _outcome(_as_made(row)) for row in self._store.done().iter_rows(named=True)}
+        keys = [self._store.key(0, values) for values in batch]
+        new = {key: values for key, values in zip(keys, batch, strict=True) if key not in self._outcomes}
+        first = 1 + max(self._numbers, default=-1)
+        samples = ((Sample(first + place, values), key) for place, (key, values) in enumerate(new.items()))
+        for made in self._made_of(samples):
+            self._outcomes[self._numbers[made.number]] = _outcome(made)
+        return [self._outcomes[key] for key in keys]
 
     def _made_of(self, samples: Iterator[tuple[Sample, str]]) -> Iterator[Made]:
         """Yield runs as they are made, each with its row written; `samples` have their keys."""
@@ -212,6 +238,7 @@ class Options:
         folder: where its results are written.
         fmu: the vehicle's FMU.
         place: where its runs are made.
+        purpose: what chooses the values of runs, if not the study's sampling.
         resume: whether the folder has runs of it.
         worst: how many of the worst runs by each requirement keep their log.
         asked: numbers of runs that keep their log in any case; None for all.
@@ -222,6 +249,7 @@ class Options:
     folder: Path
     fmu: Path
     place: Place = field(default_factory=Place)
+    purpose: str = ""
     resume: bool = False
     worst: int = WORST
     asked: Collection[int] | None = ()
@@ -243,7 +271,7 @@ def begun(study: Study, options: Options, total: int | None) -> Iterator[Campaig
         RunFailed: the cluster is gone, or rows cannot be written; those written before stay.
         Interrupted: a signal has come; likewise.
     """
-    check(options.folder, study, resume=options.resume)
+    check(options.folder, study, options.purpose, resume=options.resume)
     name = f"platoon-{study.name}-{uuid.uuid4().hex[:8]}"
     setup = Setup(name, study, study.files(), options.fmu.read_bytes(), versions())
     with ExitStack() as stack:
@@ -251,7 +279,7 @@ def begun(study: Study, options: Options, total: int | None) -> Iterator[Campaig
         client = stack.enter_context(connected(options.place))
         stack.enter_context(_plugin(client, setup))
         options.connected(client)
-        store = stack.enter_context(opened(options.folder, study, resume=options.resume))
+        store = stack.enter_context(opened(options.folder, study, options.purpose, resume=options.resume))
         keeping = Keeping(study.requirements, options.worst, options.asked)
         yield Campaign(store, client, name, keeping, total, interrupts, follow=options.follow)
         store.finish()
@@ -356,6 +384,10 @@ class _Flight:
 
 
 _GONE = "the scheduler is gone"
+
+
+def _outcome(made: Made) -> Outcome:
+    return Outcome(made.number, made.metrics if made.status == OK else None, made.status, made.words)
 
 
 def _as_made(row: dict[str, Any]) -> Made:

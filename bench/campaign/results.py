@@ -23,6 +23,8 @@ AT_RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
 COMPLETED = "run completed"
 ALL_MET = "completed and all requirements met"
 WORST = 5
+PURPOSE = "purpose.txt"
+"""File with what chose the values of the runs, if that was not the study's sampling."""
 
 _REQUIREMENT = re.compile(r"(\w+)\s*(<=|>=|<|>|==|!=)\s*(\S+)")
 
@@ -54,7 +56,7 @@ class Results:
     @property
     def sampling(self) -> str:
         """How the runs were drawn."""
-        return str(self.study.get("sampling", AT_RANDOM[0]))
+        return purpose_of(self.directory) or str(self.study.get("sampling", AT_RANDOM[0]))
 
     @property
     def at_random(self) -> bool:
@@ -158,6 +160,12 @@ def limit_of(requirement: str) -> Limit | None:
     except ValueError:
         return None
     return Limit(metric, value, {">": 1, "<": -1}.get(comparison[0], 0))
+
+
+def purpose_of(directory: Path) -> str:
+    """Return what chose the values of a campaign's runs; empty if that was the study's sampling."""
+    file = directory / PURPOSE
+    return file.read_text(encoding="utf-8").strip() if file.is_file() else ""
 
 
 def read(directory: Path) -> Results:

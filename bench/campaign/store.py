@@ -2,6 +2,7 @@
 
     study.toml       the study, complete in itself but for a base scenario's file
     code.txt         hash of the code that made the runs
+    purpose.txt      what chose the values of the runs, if that was not the study's sampling
     parts/*.parquet  the rows of runs, in the order in which they ended; renamed into place, so whole or not there
     logs/            of the runs kept: run-000017.mcap, the scenario beside it as .toml, and later a report as .html
     runs.parquet     all rows in the order of their numbers, once the campaign is done
@@ -26,7 +27,7 @@ import polars as pl
 from bench.campaign.distributions import Value
 from bench.campaign.jobs import Made
 from bench.campaign.requirements import METRIC_NAMES, metric_type
-from bench.campaign.results import INPUT, METRIC, REQUIREMENT
+from bench.campaign.results import INPUT, METRIC, PURPOSE, REQUIREMENT, purpose_of
 from bench.campaign.study import Study
 from bench.campaign.version import code_version
 from bench.errors import BadInput, RunFailed, shortage
@@ -187,32 +188,34 @@ class Store:
         self._sizes.setdefault(size, []).append(part)
 
 
-def check(folder: Path, study: Study, *, resume: bool) -> None:
+def check(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> None:
     """Check that a folder can be opened for a study.
 
     Raises:
         BadInput: it exists and is not to be resumed, or is no campaign of this study and this code.
     """
     if resume:
-        _check_same(folder, study)
+        _check_same(folder, study, purpose)
     elif os.path.lexists(folder):
         raise BadInput(f"{folder} already exists; go on with it by --resume, or give another --out")
 
 
 @contextmanager
-def opened(folder: Path, study: Study, *, resume: bool) -> Iterator[Store]:
+def opened(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> Iterator[Store]:
     """Open a campaign's folder; it is created unless the campaign is resumed.
 
     Raises:
         BadInput: see `check`; it cannot be created, or is in use.
     """
-    check(folder, study, resume=resume)
+    check(folder, study, purpose, resume=resume)
     if not resume:
         try:
             (folder / "parts").mkdir(parents=True)
         except OSError as error:
             raise BadInput(f"cannot create {folder}: {error.strerror}") from error
         write_text(folder / "code.txt", code_version() + "\n")
+        if purpose:
+            write_text(folder / PURPOSE, purpose + "\n")
     # The number of runs may be another one now.
     write_text(folder / "study.toml", study.text)
     (folder / "logs").mkdir(exist_ok=True)
@@ -227,7 +230,7 @@ def opened(folder: Path, study: Study, *, resume: bool) -> Iterator[Store]:
         yield Store(folder, study)
 
 
-def _check_same(folder: Path, study: Study) -> None:
+def _check_same(folder: Path, study: Study, purpose: str) -> None:
     if not (folder / "study.toml").is_file() or not (folder / "code.txt").is_file():
         raise BadInput(f"--resume: {folder} is no campaign; start it without --resume, or give its folder by --out")
     code = (folder / "code.txt").read_text(encoding="utf-8").strip()
@@ -235,6 +238,13 @@ def _check_same(folder: Path, study: Study) -> None:
         raise BadInput(
             f"--resume: the runs in {folder} were made by other code ({code}) than this ({code_version()}), so theirs"
             " and new ones would not belong together; start a new campaign with another --out"
+        )
+    has = purpose_of(folder)
+    if has != purpose:
+        sampled = "the study's sampling"
+        raise BadInput(
+            f"--resume: the runs in {folder} were chosen by {has or sampled}, not by {purpose or sampled}; allowed: the"
+            " same; give another --out"
         )
     if not study.continues((folder / "study.toml").read_text(encoding="utf-8")):
         raise BadInput(

@@ -14,6 +14,7 @@ from bench.campaign.results import (
     REQUIREMENT,
     Results,
     limit_of,
+    purpose_of,
 )
 from bench.campaign.statistics import Share, quantiles
 
@@ -93,7 +94,12 @@ def _headline(results: Results) -> str:
     statuses = ", ".join(f"{count} {status}" for status, count in results.statuses().items())
     base = results.study.get("base")
     of = f" of {base}" if isinstance(base, str) else ""
-    return f"{results.rows.height} runs{of}, {results.sampling} sampling: {statuses}"
+    return f"{results.rows.height} runs{of}, {_drawn(results)}: {statuses}"
+
+
+def _drawn(results: Results) -> str:
+    purpose = purpose_of(results.directory)
+    return f"chosen by {purpose}" if purpose else f"{results.sampling} sampling"
 
 
 def _verdict(share: Share) -> dict[str, Any]:
@@ -108,7 +114,8 @@ def _verdict(share: Share) -> dict[str, Any]:
 def _notes(results: Results, shares: dict[str, Share]) -> list[str]:
     notes = []
     if not results.at_random:
-        notes.append(f"The runs of a {results.sampling} are not drawn at random: their share is no probability.")
+        by = purpose_of(results.directory) or f"a {results.sampling}"
+        notes.append(f"The runs of {by} are not drawn at random: their share is no probability.")
     else:
         notes.append("Bounds by Clopper and Pearson: exact for independent runs, rounded outwards.")
         if results.sampling != "monte-carlo":

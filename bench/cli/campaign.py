@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import shlex
 import sys
@@ -23,7 +24,7 @@ from bench.errors import BadInput, RunFailed
 if TYPE_CHECKING:
     from distributed import Client
 
-    from bench.campaign.campaign import Count
+    from bench.campaign.campaign import Count, Options
     from bench.campaign.study import Study
 
 EXIT_CODES = (
@@ -82,6 +83,20 @@ def run(
         int,
         typer.Option(metavar="K", min=0, max=1000, help="How many of the worst runs by each requirement keep a log."),
     ] = 3,
+    search: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="Search for the worst by a requirement's metric in place of the study's sampling; --runs is the most.",
+        ),
+    ] = None,
+    rare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METRIC",
+            help="Estimate a small probability of missing its requirement (subset simulation); --runs is a level's.",
+        ),
+    ] = None,
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="Serve Dask's dashboard on this machine, and print its address.")
     ] = False,
@@ -93,6 +108,7 @@ def run(
       platoon campaign --example > mine.toml
       platoon campaign mine.toml --workers 2
       platoon campaign mine.toml --runs 1000 --resume
+      platoon campaign mine.toml --search least_clearance_m --runs 300
       platoon campaign robustness --cluster tcp://10.0.0.1:8786
     """
     from bench.campaign.study import example as example_study
@@ -107,35 +123,77 @@ def run(
         raise BadInput("--cluster and --scheduler-file: give one of them")
     if workers and (cluster or scheduler_file):
         raise BadInput("--workers is for this machine; a cluster has the workers that were started for it")
-    loaded = load_study(study, runs)
-    folder = out or LOGS / loaded.name
-    asked = _numbers(keep)
+    if search and rare:
+        raise BadInput("--search and --rare: give one of them")
+    seeks = bool(search or rare)
+    loaded = load_study(study, None if seeks else runs)
+    what = f"-search-{search}" if search else f"-rare-{rare}" if rare else ""
+    folder = out or LOGS / re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{loaded.name}{what}")
     use_machine_code()
-    fmu = vehicle_fmu()
-    from bench.campaign.campaign import Options, begun
+    from bench.campaign.campaign import Options
     from bench.campaign.cluster import Place
+
+    options = Options(
+        folder,
+        vehicle_fmu(),
+        Place(workers, cluster, scheduler_file, dashboard),
+        resume=resume,
+        worst=worst,
+        asked=_numbers(keep),
+        connected=_say_dashboard if dashboard else lambda _: None,
+    )
+    try:
+        if search:
+            _search(loaded, search, options, runs)
+        elif rare:
+            _rare(loaded, rare, options, runs)
+        else:
+            _sample(loaded, options)
+    except RunFailed as error:
+        again = shlex.join(["platoon", *sys.argv[1:], *([] if resume else ["--resume"])])
+        there = f"\nWhat is made, stays; go on with: {again}" if (folder / "parts").is_dir() else ""
+        raise type(error)(f"The campaign was stopped: {error}{there}") from error
+
+
+def _sample(study: Study, options: Options) -> None:
+    """Make the runs of a study's sampling, and show what they say."""
+    from bench.campaign.campaign import begun
     from bench.campaign.sampling import samples
     from bench.cli.campaign_summary import show as show_summary
 
-    with _following(loaded) as follow:
-        options = Options(
-            folder,
-            fmu,
-            Place(workers, cluster, scheduler_file, dashboard),
-            resume=resume,
-            worst=worst,
-            asked=asked,
-            follow=follow,
-            connected=_say_dashboard if dashboard else lambda _: None,
-        )
-        try:
-            with begun(loaded, options, loaded.runs) as campaign:
-                campaign.run(samples(loaded))
-        except RunFailed as error:
-            stays = f"\nWhat is made, stays; go on with: {_again(study, runs, folder)}"
-            there = stays if (folder / "parts").is_dir() else ""
-            raise type(error)(f"The campaign was stopped: {error}{there}") from error
-    show_summary(folder)
+    with (
+        _following(study) as follow,
+        begun(study, dataclasses.replace(options, follow=follow), study.runs) as campaign,
+    ):
+        campaign.run(samples(study))
+    show_summary(options.folder)
+    _say_where(options.folder)
+
+
+def _search(study: Study, metric: str, options: Options, runs: int | None) -> None:
+    """Search for the worst run, and show it."""
+    from bench.campaign.seeking import SEARCH_RUNS, search_worst
+
+    found = search_worst(study, metric, options, runs or SEARCH_RUNS, _say)
+    typer.echo("\n".join(found.lines(options.folder)))
+    _say_where(options.folder)
+
+
+def _rare(study: Study, metric: str, options: Options, samples: int | None) -> None:
+    """Estimate a small probability, and show it."""
+    from bench.campaign.rare import SAMPLES
+    from bench.campaign.seeking import estimate_lines, rare_failures
+
+    requirement, estimate = rare_failures(study, metric, options, samples or SAMPLES, _say)
+    typer.echo("\n".join(estimate_lines(requirement, estimate)))
+    _say_where(options.folder)
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)
+
+
+def _say_where(folder: Path) -> None:
     typer.echo(f"results: {folder}\nreport:  platoon campaign report {folder}")
 
 
@@ -149,12 +207,6 @@ def show(folder: Folder) -> None:
     from bench.cli.campaign_summary import show as show_summary
 
     show_summary(folder)
-
-
-def _again(study: str, runs: int | None, folder: Path) -> str:
-    """Return the command that goes on with a campaign."""
-    number = "" if runs is None else f" --runs {runs}"
-    return f"platoon campaign {shlex.quote(study)}{number} --out {shlex.quote(str(folder))} --resume"
 
 
 def _say_dashboard(client: Client) -> None:
