@@ -28,7 +28,7 @@ from bench.campaign.requirements import METRIC_NAMES, metric_type
 from bench.campaign.run_process import RunProcess
 from bench.campaign.sampling import Sample, samples
 from bench.campaign.study import Study, load_study
-from bench.cli.fmu import vehicle_fmu
+from platoon_fmu.build import default_fmu
 from platoon_fmu.interpreter import python
 
 STUDY = "seed-paper"
@@ -58,7 +58,7 @@ def _rates(runs: int, rounds: int) -> Sheet:
     """Return the time of a run in one process, in a process a core without Dask, and in a campaign, in turns."""
     cores = os.cpu_count() or 1
     study = load_study(STUDY, runs * cores * (rounds + 1))
-    fmu = vehicle_fmu()
+    fmu = default_fmu()
     sampled = iter(samples(study))
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as place:
         folder = Path(place)
@@ -143,7 +143,7 @@ def main() -> None:
 
     folder, rows = Path(sys.argv[1]), int(sys.argv[2])
     study: Study = replace(load_study(STUDY), runs=rows)
-    with begun(study, Options(folder, vehicle_fmu(), Place(2)), rows) as campaign:
+    with begun(study, Options(folder, default_fmu(), Place(2)), rows) as campaign:
         campaign.task = simulated
         began = time.perf_counter()
         campaign.run(samples(study))
