@@ -27,7 +27,7 @@ import polars as pl
 from bench.campaign.distributions import Value
 from bench.campaign.jobs import Made
 from bench.campaign.requirements import METRIC_NAMES, metric_type
-from bench.campaign.results import INPUT, METRIC, PURPOSE, REQUIREMENT, purpose_of
+from bench.campaign.results import INPUT, METRIC, PURPOSE, REQUIREMENT, purpose_of, read
 from bench.campaign.study import Study
 from bench.campaign.version import code_version
 from bench.errors import BadInput, RunFailed, shortage
@@ -186,6 +186,21 @@ class Store:
             rows.write_parquet(aside)
         self._next += 1
         self._sizes.setdefault(size, []).append(part)
+
+
+def values_of(folder: Path, number: int) -> dict[str, Value]:
+    """Return the values of a run's inputs.
+
+    Raises:
+        BadInput: the folder is none of a campaign, or has no such run.
+    """
+    rows = read(folder).runs.filter(pl.col("number") == number)
+    if rows.is_empty():
+        raise BadInput(f"{folder} has no run {number}; allowed: the numbers in its runs.parquet")
+    row = rows.row(0, named=True)
+    return {
+        name.removeprefix(INPUT): row[name] for name in rows.columns if name.startswith(INPUT) and row[name] is not None
+    }
 
 
 def check(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> None:

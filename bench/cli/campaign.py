@@ -20,6 +20,7 @@ from bench.cli.machine_code import use_machine_code
 from bench.cli.options import LOGS
 from bench.cli.output import message
 from bench.errors import BadInput, RunFailed
+from bench.files import check_report
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -198,15 +199,55 @@ def _say_where(folder: Path) -> None:
 
 
 @campaign_app.command()
-def show(folder: Folder) -> None:
-    """Show what the runs of a campaign say.
+def show(
+    folder: Folder,
+    metrics: Annotated[bool, typer.Option("--metrics", help="Show the distribution of every metric too.")] = False,
+) -> None:
+    """Show what the runs of a campaign say, also while it goes on.
 
     Example:
       platoon campaign show logs/seed-paper
     """
     from bench.cli.campaign_summary import show as show_summary
 
-    show_summary(folder)
+    show_summary(folder, metrics=metrics)
+
+
+@campaign_app.command()
+def report(
+    folder: Folder,
+    output: Annotated[
+        Path | None, typer.Option("-o", metavar="PAGE.html", help="The page to write; DIR/report.html if not given.")
+    ] = None,
+) -> None:
+    """Write a page with what the runs of a campaign say: failures, what drives them, the worst runs.
+
+    Example:
+      platoon campaign report logs/seed-paper
+    """
+    from bench.campaign.page import report as write_page
+
+    page = output or folder / "report.html"
+    check_report(page)
+    typer.echo(f"report: {write_page(folder, page)}")
+
+
+@campaign_app.command()
+def scenario(
+    folder: Folder,
+    number: Annotated[int, typer.Argument(metavar="NUMBER", min=0, help="The number of the run.")],
+) -> None:
+    """Print the scenario of a run of a campaign, with which platoon run makes the same run again.
+
+    Example:
+      platoon campaign scenario logs/seed-paper 17 > run-17.toml
+      platoon run run-17.toml --can direct
+    """
+    from bench.campaign.store import values_of
+    from bench.campaign.study import load_study
+
+    values = values_of(folder, number)
+    typer.echo(load_study(folder / "study.toml").scenario(number, values).toml(), nl=False)
 
 
 def _say_dashboard(client: Client) -> None:

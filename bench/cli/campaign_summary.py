@@ -5,11 +5,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from bench.campaign.summary import WorstRun
     from bench.cli.terminal import Terminal
 
 
-def show(directory: Path) -> None:
+def show(directory: Path, *, metrics: bool = False) -> None:
     """Print on standard output what the campaign in a folder says.
+
+    Args:
+        directory: the folder.
+        metrics: whether the distribution of every metric is printed too.
 
     Raises:
         BadInput: the folder has no results of a campaign.
@@ -27,17 +32,18 @@ def show(directory: Path) -> None:
     for note in told.notes:
         console.print(note)
     worst = [
-        [group.requirement, str(run.number), run.value, _place(run.report or run.log)]
-        for group in told.worst
-        for run in group.runs
+        [group.requirement, group.runs[0].value, ", ".join(_number(run) for run in group.runs)] for group in told.worst
     ]
-    _print(console, ("worst by", "run", "value", "log or report"), worst)
+    _print(console, ("requirement", "worst", "worst runs"), worst)
+    if worst:
+        console.print(f"* with its log: {directory}/logs/run-NUMBER.mcap, and its scenario beside it (.toml)")
     _print(console, ("did not end", "runs", "first", "what was said"), told.troubles)
-    _print(console, ("metric", "least", "5 %", "median", "95 %", "largest", "runs"), told.quantiles)
+    if metrics:
+        _print(console, ("metric", "least", "5 %", "median", "95 %", "largest", "runs"), told.quantiles)
 
 
-def _place(path: Path | None) -> str:
-    return "not kept" if path is None else str(path)
+def _number(run: "WorstRun") -> str:
+    return f"{run.number}{'' if run.log is None else '*'}"
 
 
 def _print(console: "Terminal", headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -50,7 +56,7 @@ def _print(console: "Terminal", headings: Sequence[str], rows: Sequence[Sequence
     for index, heading in enumerate(headings):
         # A name keeps its lines; what was said may wrap.
         between = 0 < index < len(headings) - 1
-        table.add_column(heading, justify="right" if between else "left", no_wrap=between)
+        table.add_column(heading, justify="right" if between else "left", no_wrap=between, overflow="fold")
     for row in rows:
         table.add_row(*row)
     console.print(table)
