@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +26,8 @@ ALL_MET = "completed and all requirements met"
 WORST = 5
 PURPOSE = "purpose.txt"
 """File with what chose the values of the runs, if that was not the study's sampling."""
+MOST_TRIES = 5
+"""Times that the parts of a campaign are listed and read."""
 
 _REQUIREMENT = re.compile(r"(\w+)\s*(<=|>=|<|>|==|!=)\s*(\S+)")
 
@@ -36,12 +39,14 @@ class Results:
     Attributes:
         directory: its folder.
         text: the study as TOML.
-        rows: a row for each run, in the order of their numbers, with the columns of `bench.campaign.store`.
+        rows: how each run ended: `number`, `status` and `words`, in the order of the numbers.
+        runs: the rows of the runs that were started, in the same order, with the columns of `bench.campaign.store`.
     """
 
     directory: Path
     text: str
     rows: pl.DataFrame
+    runs: pl.DataFrame
 
     @cached_property
     def study(self) -> dict[str, object]:
@@ -63,11 +68,6 @@ class Results:
         """Whether the share of failures estimates a probability."""
         return self.sampling in AT_RANDOM
 
-    @cached_property
-    def runs(self) -> pl.DataFrame:
-        """The rows of the runs that were started."""
-        return self.rows.filter(pl.col("status") != REFUSED)
-
     @property
     def inputs(self) -> list[str]:
         """The names of the inputs, without prefix."""
@@ -76,7 +76,7 @@ class Results:
     @property
     def metrics(self) -> list[str]:
         """The names of the metrics that at least one run has as a number, without prefix."""
-        return [name for name in self._names(METRIC) if _is_number(self.rows[METRIC + name])]
+        return [name for name in self._names(METRIC) if _is_number(self.runs[METRIC + name])]
 
     @property
     def requirements(self) -> list[str]:
@@ -115,9 +115,11 @@ class Results:
         if limit.side == 0:
             return self.runs.filter(missed).head(most)
         # Infinitely far on the wrong side; NaN too.
-        worst = pl.when(column.is_null() | column.is_nan()).then(-limit.side * float("inf")).otherwise(column)
-        known = self.runs.filter(column.is_finite() | missed)
-        return known.sort(worst, descending=limit.side < 0, maintain_order=True).head(most)
+        goodness = pl.when(column.is_null() | column.is_nan()).then(-float("inf")).otherwise(limit.side * column)
+        # Found among two columns: to sort the whole table takes long.
+        rows = self.runs.select(pl.row_index(), goodness=goodness, known=column.is_finite() | missed).filter("known")
+        worst = rows.bottom_k(most, by=["goodness", "index"]).sort("goodness", "index")
+        return self.runs[worst["index"]]
 
     def troubles(self) -> pl.DataFrame:
         """Return what was said of rows without an ended run: status, words, how many and the first's number."""
@@ -137,7 +139,7 @@ class Results:
         return path if path is not None and path.is_file() else None
 
     def _names(self, prefix: str) -> list[str]:
-        return [name.removeprefix(prefix) for name in self.rows.columns if name.startswith(prefix)]
+        return [name.removeprefix(prefix) for name in self.runs.columns if name.startswith(prefix)]
 
 
 @dataclass(frozen=True)
@@ -172,20 +174,45 @@ def read(directory: Path) -> Results:
     """Read the results of a campaign.
 
     Raises:
-        BadInput: the folder is none of a campaign, or there are no results yet.
+        BadInput: the folder is none of a campaign, there are no results yet, or they cannot be read.
     """
     study = directory / "study.toml"
     if not study.is_file():
         raise BadInput(f"{directory} has no study.toml: give the folder of a campaign, see platoon campaign --out")
-    rows = _rows(directory)
+    try:
+        found = _rows(directory)
+        rows = found.select("number", "status", "words").collect()
+        # From the file: a filter of the table in memory would make another one.
+        runs = found.filter(pl.col("status") != REFUSED).collect()
+    except (pl.exceptions.PolarsError, OSError) as error:
+        raise BadInput(f"cannot read the results in {directory}: {error}") from error
     if rows.is_empty():
         raise BadInput(f"{directory} has no results yet; go on with: platoon campaign {study} --resume")
-    return Results(directory, study.read_text(encoding="utf-8"), rows.sort("number"))
+    return Results(directory, study.read_text(encoding="utf-8"), rows, runs)
 
 
-def _rows(directory: Path) -> pl.DataFrame:
+def _rows(directory: Path) -> pl.LazyFrame:
+    """Return the rows in the order of their numbers: of the whole table or, until there is one, of its parts."""
     whole = directory / "runs.parquet"
-    return pl.read_parquet(whole if whole.is_file() else directory / "parts" / "*.parquet")
+    if whole.is_file():
+        return pl.scan_parquet(whole)
+    for _ in range(MOST_TRIES):
+        # The campaign may go on meanwhile, and put one part in the place of several.
+        with suppress(FileNotFoundError):
+            return _of_parts(directory / "parts").lazy()
+    raise BadInput(f"cannot read the results in {directory}: its parts vanish while they are read; try again")
+
+
+def _of_parts(folder: Path) -> pl.DataFrame:
+    """Return the rows in a campaign's parts, each once; not those of a part that is being written.
+
+    Raises:
+        FileNotFoundError: a part is there no more.
+    """
+    paths = sorted(path for path in folder.glob("*.parquet") if not path.name.startswith("."))
+    if not paths:
+        return pl.DataFrame(schema={"number": pl.Int64, "status": pl.String, "words": pl.String})
+    return pl.scan_parquet(paths).unique("number", keep="first").sort("number").collect()
 
 
 def _is_number(values: pl.Series) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from bench.campaign.results import (
     limit_of,
     purpose_of,
 )
-from bench.campaign.statistics import Share, quantiles
+from bench.campaign.statistics import LEVELS, Share, quantiles
 
 MOST_WORDS = 400
 """Characters shown of what was said of a run."""
@@ -85,7 +86,7 @@ def summary(results: Results) -> Summary:
         [[name, str(share.failed), str(share.known), share.text, share.bounds] for name, share in shares.items()],
         _notes(results, shares),
         [found for text in results.requirements if (found := _worst(results, text)) is not None],
-        [_quantiles(results, name) for name in results.metrics],
+        list(_quantiles(results)),
         _troubles(results),
     )
 
@@ -146,10 +147,11 @@ def _worst(results: Results, requirement: str) -> Worst | None:
     return Worst(requirement, limit.metric, runs)
 
 
-def _quantiles(results: Results, name: str) -> list[str]:
-    values = results.runs[METRIC + name]
-    levels = quantiles(values)
-    return [name, *(map(number, levels) if levels else ["–"] * 5), str(values.len() - values.null_count())]
+def _quantiles(results: Results) -> Iterator[list[str]]:
+    metrics = results.runs.select(METRIC + name for name in results.metrics)
+    counts = metrics.count().row(0)
+    for name, levels, count in zip(results.metrics, quantiles(metrics), counts, strict=True):
+        yield [name, *(map(number, levels) if levels else ["–"] * len(LEVELS)), str(count)]
 
 
 def _troubles(results: Results) -> list[list[str]]:

@@ -6,7 +6,7 @@ import pytest
 from bench.campaign.results import ALL_MET, COMPLETED, Limit, limit_of, read
 from bench.errors import BadInput
 
-from .conftest import ABOVE, BELOW, made_up_rows, with_trouble
+from .conftest import ABOVE, BELOW, made_up_rows, with_trouble, write_campaign
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,36 @@ def test_a_run_that_missed_a_requirement_without_a_value_is_the_worst(campaign_o
     assert numbers[1] == max((value, number) for number, value in enumerate(formed) if number != 40)[1]
 
 
-def test_rows_come_in_the_order_of_their_numbers(campaign_of):
-    results = read(campaign_of(made_up_rows(30).reverse()))
-    assert results.rows["number"].to_list() == list(range(30))
+@pytest.fixture
+def unfinished(tmp_path):
+    """The folder of a campaign that has no whole table yet, and 30 runs in two parts, the last of them in both."""
+    directory = write_campaign(tmp_path / "campaign", made_up_rows(30))
+    rows = pl.read_parquet(directory / "runs.parquet").reverse()
+    (directory / "runs.parquet").unlink()
+    (directory / "parts").mkdir()
+    for name, part in (("0-00000000", rows.tail(20)), ("0-00000001", rows.head(11))):
+        part.write_parquet(directory / "parts" / f"{name}.parquet")
+    return directory
+
+
+def test_the_parts_of_a_campaign_that_goes_on_are_its_results(unfinished):
+    # A part that is being written.
+    (unfinished / "parts" / ".0-00000002.1.part.parquet").write_bytes(b"PAR1")
+    results = read(unfinished)
+    assert results.runs["number"].to_list() == results.rows["number"].to_list() == list(range(30))
+    assert results.runs.equals(made_up_rows(30))
+
+
+@pytest.mark.parametrize(("damage", "words"), [("gone", "vanish while they are read; try again"), ("cut", "")])
+def test_a_part_that_cannot_be_read_is_told(unfinished, damage, words):
+    part = unfinished / "parts" / "0-00000001.parquet"
+    if damage == "gone":
+        part.unlink()
+        part.symlink_to("nowhere")
+    else:
+        part.write_bytes(part.read_bytes()[:-100])
+    with pytest.raises(BadInput, match=f"cannot read the results in .*{words}"):
+        read(unfinished)
 
 
 @pytest.mark.parametrize("sampling", ["grid", "corners"])

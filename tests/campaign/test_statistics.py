@@ -96,9 +96,10 @@ def test_a_campaign_of_few_runs_has_a_point_for_each():
 
 
 def test_quantiles_leave_out_what_is_no_number():
-    values = pl.Series([float(value) for value in range(101)] + [math.nan, math.inf, None])
-    assert quantiles(values) == [0.0, 5.0, 50.0, 95.0, 100.0]
-    assert quantiles(pl.Series([None, math.nan])) == []
+    nothing = [math.nan, math.inf, None]
+    values = {"some": [*map(float, range(101)), *nothing], "none": nothing + [None] * 101, "truth": [True] * 104}
+    assert quantiles(pl.DataFrame(values)) == [[0.0, 5.0, 50.0, 95.0, 100.0], [], [1.0] * 5]
+    assert quantiles(pl.DataFrame()) == []
 
 
 @pytest.mark.parametrize("values", [[1.0], [2.5, 2.5], [0.0, 1.0, 1.0], list(np.linspace(-3, 9, 500)), [5.0, 1e9]])

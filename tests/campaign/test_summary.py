@@ -70,6 +70,14 @@ def test_the_terminal_shows_all_of_it(campaign_of, capsys, monkeypatch):
         assert run.value in text
 
 
+@pytest.mark.parametrize("status", ["refused", "crashed"])
+def test_a_campaign_without_any_metric_is_shown(campaign_of, capsys, status):
+    show(campaign_of(with_trouble(made_up_rows(1), 0, status, "it went wrong")))
+    text = capsys.readouterr().out
+    assert f"1 runs of formation, monte-carlo sampling: 1 {status}" in text
+    assert "it went wrong" in text
+
+
 def test_words_of_a_run_do_not_control_the_terminal(campaign_of, capsys):
     show(campaign_of(with_trouble(made_up_rows(20), 7, "failed", "\x1b[2Jgone")))
     text = capsys.readouterr().out
