@@ -26,7 +26,9 @@ SHARED_SCRIPTS = ("dom", "data", "marks", "cursor", "axes", "save", "plot", "row
 """Scripts of the report of a run that this page uses too."""
 SCRIPTS = ("tornado", "campaign")
 MOST_POINTS = 5000
-"""Points of a scatter plot at most: failures, up to half of them, and other runs, both at random."""
+"""Points of a scatter plot at most."""
+MOST_VALUES = 400_000
+"""Numbers of all scatter plots at most: with many metrics there are fewer points, so that the page stays below 5 MB."""
 BLUE = "#0072b2"
 
 
@@ -205,12 +207,9 @@ def _limits(results: Results, name: str) -> list[Line]:
 
 def _points(results: Results) -> dict[str, Any]:
     """Return the runs of the scatter plots: inputs and metrics as columns, and whether each failed."""
-    rows = results.runs.with_columns(results.verdicts[ALL_MET].alias("failed"))
-    if rows.height > MOST_POINTS:
-        mixed = rows.sample(fraction=1.0, shuffle=True, seed=1)
-        rows = pl.concat([mixed.filter("failed").head(MOST_POINTS // 2), mixed.filter(~pl.col("failed"))]).head(
-            MOST_POINTS
-        )
+    failed = results.verdicts[ALL_MET]
+    chosen = _chosen(failed, min(MOST_POINTS, MOST_VALUES // max(1, len(results.inputs) + len(results.metrics))))
+    rows = results.runs[chosen]
     shown = "Each point is a run"
     if rows.height < results.runs.height:
         shown = f"{rows.height} of {results.runs.height} runs, failures first, others at random"
@@ -218,9 +217,18 @@ def _points(results: Results) -> dict[str, Any]:
     return {
         "inputs": {name: _numbers(inputs[name]) for name in numeric(inputs)},
         "metrics": {name: _numbers(rows[METRIC + name]) for name in _ordered(results)},
-        "failed": rows["failed"].cast(pl.Int8).to_list(),
+        "failed": failed[chosen].cast(pl.Int8).to_list(),
         "caption": f"{shown}.",
     }
+
+
+def _chosen(failed: pl.Series, most: int) -> npt.NDArray[np.int64]:
+    """Return the indices of all runs, or of `most`: failures, up to half of them, and others, both at random."""
+    if len(failed) <= most:
+        return np.arange(len(failed))
+    mixed = np.random.default_rng(1).permutation(len(failed))
+    missed = failed.to_numpy()[mixed]
+    return np.concatenate([mixed[missed][: most // 2], mixed[~missed]])[:most]
 
 
 def _numbers(values: pl.Series) -> list[float | None]:

@@ -201,6 +201,14 @@ def test_of_many_runs_a_part_is_drawn_with_failures_first(campaign_of):
     assert "5000 of 10000 runs" in points["caption"]
 
 
+def test_with_many_metrics_fewer_points_are_drawn(campaign_of, monkeypatch):
+    results = read(campaign_of(made_up_rows(200)))
+    columns = len(results.inputs) + len(results.metrics)
+    monkeypatch.setattr("bench.campaign.page.MOST_VALUES", 50 * columns)
+    points = data_of(results, results.directory)["points"]
+    assert len(points["failed"]) == len(points["inputs"]["road.lambda_f"]) == 50
+
+
 def test_the_same_results_have_the_same_page(campaign):
     assert render(read(campaign), campaign) == render(read(campaign), campaign)
 

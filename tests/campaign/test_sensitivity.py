@@ -3,8 +3,9 @@
 import numpy as np
 import polars as pl
 import pytest
+from SALib.analyze import pawn
 
-from bench.campaign.sensitivity import LEAST_RUNS, influences, numeric
+from bench.campaign.sensitivity import LEAST_RUNS, SLICES, influences, numeric, pawn_means
 
 
 def ishigami(runs, seed):
@@ -22,6 +23,21 @@ def test_pawn_ranks_ishigamis_inputs_as_published(seed):
     by_name = {each.input: each for each in found.inputs}
     assert all(by_name[name].index > found.chance for name in ("x1", "x2", "x3"))
     assert by_name["x4"].index - by_name["x4"].half_width < found.chance
+
+
+@pytest.mark.parametrize("runs", [80, 1000])
+@pytest.mark.parametrize("classes", [None, 40, 3])
+def test_the_indices_of_resamples_are_those_of_salib(runs, classes):
+    inputs, metric = ishigami(runs, 11)
+    x, y = inputs.to_numpy(), metric.to_numpy()
+    if classes:
+        # Many equal values: of the metric, and of an input such as a choice.
+        y = np.floor(y * classes / 20.0)
+        x[:, 0] = np.floor(x[:, 0])
+    rows = np.random.default_rng(12).integers(0, runs, runs)
+    problem = {"num_vars": 4, "names": inputs.columns}
+    expected = pawn.analyze(problem, x[rows], y[rows], S=SLICES)["mean"]
+    assert pawn_means(x[rows], y[rows]) == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_linear_metric_has_its_inputs_in_the_order_of_their_weights():
