@@ -16,6 +16,7 @@ import polars as pl
 from bench.analysis.figure import Curve, Figure, Line
 from bench.analysis.page_data import PageData
 from bench.analysis.report import asset, filled
+from bench.campaign.reports import write_reports
 from bench.campaign.results import ALL_MET, INPUT, METRIC, Results, limit_of, read
 from bench.campaign.sensitivity import LEAST_RUNS, influences, numeric
 from bench.campaign.statistics import convergence, edges_of, finite, histogram
@@ -35,10 +36,14 @@ BLUE = "#0072b2"
 def report(directory: Path, out: Path) -> Path:
     """Write the report of the campaign in a folder to `out`, and return that.
 
+    The worst runs whose logs were kept get their own reports first, so that it links to them.
+
     Raises:
         BadInput: the folder has no results of a campaign, or the file cannot be written.
     """
-    write_text(out, render(read(directory), out.parent), option="--out")
+    results = read(directory)
+    write_reports(results)
+    write_text(out, render(results, out.parent), option="--out")
     return out
 
 

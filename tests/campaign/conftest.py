@@ -4,6 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+from bench.bus.link.address import Address
+from bench.conductor.options import RunOptions
+from bench.conductor.run import run
+from bench.scenario import load
+
 STUDY = """name = "made-up"
 base = "formation"
 seed = 1
@@ -59,6 +64,17 @@ def write_campaign(directory, rows, *, sampling="monte-carlo"):
     (directory / "study.toml").write_text(STUDY.format(runs=rows.height, sampling=sampling), encoding="utf-8")
     rows.write_parquet(directory / "runs.parquet")
     return directory
+
+
+@pytest.fixture(scope="session")
+def real_log(once):
+    """The log of a real run, the first second of the shipped scenario `formation`."""
+
+    def make(folder):
+        scenario, log = load("formation", ["duration_s=1.0"]), folder / "run.mcap"
+        run(RunOptions(scenario, Address.parse("direct"), log, ["test"]))
+
+    return once("campaign-run", make) / "run.mcap"
 
 
 @pytest.fixture

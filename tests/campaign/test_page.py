@@ -97,6 +97,24 @@ def test_a_report_elsewhere_links_to_the_same_reports(campaign, tmp_path, open_p
     assert tab.title() == "report of the worst"
 
 
+def test_the_report_of_a_worst_run_is_written_and_linked_wherever_the_folder_is(
+    campaign_of, real_log, open_page, tmp_path
+):
+    rows = made_up_rows(100)
+    worst = rows.sort("metric.least_clearance_m")["number"][0]
+    log = pl.when(pl.col("number") == worst).then(pl.lit("logs/run-000017.mcap")).alias("log")
+    directory = campaign_of(rows.with_columns(log))
+    (directory / "logs").mkdir()
+    shutil.copy(real_log, directory / "logs" / "run-000017.mcap")
+    report(directory, directory / "report.html")
+    moved = directory.rename(tmp_path / "moved here")
+    tab = open_page(moved / "report.html")
+    tab.locator("#worst a").click()
+    tab.wait_for_selector("html.alive")
+    assert tab.title() == "platoon: formation"
+    assert tab.url == (moved / "logs" / "run-000017.html").as_uri()
+
+
 def test_what_was_said_of_a_run_is_text(campaign, open_page):
     tab = open_page(campaign / "report.html")
     assert "</script><b>it took longer than 60 s" in tab.inner_text("#troubles")
