@@ -57,17 +57,37 @@ def test_numbers_have_four_digits(value, text):
     assert number(value) == text
 
 
-def test_the_terminal_shows_all_of_it(campaign_of, capsys, monkeypatch):
+@pytest.mark.parametrize("metrics", [True, False])
+def test_the_terminal_shows_all_of_it_and_the_metrics_if_asked(campaign_of, capsys, monkeypatch, metrics):
     monkeypatch.setenv("COLUMNS", "160")
     rows = with_trouble(made_up_rows(500), 7, "hung", "it took longer than 60 s")
     directory = campaign_of(rows)
-    show(directory)
+    show(directory, metrics=metrics)
     told, text = summary(read(directory)), capsys.readouterr().out
+
+    def shown(row):
+        return any(all(cell in line for cell in row) for line in text.splitlines())
+
     assert told.headline in text
-    for row in (*told.shares, *told.quantiles, *told.troubles):
-        assert any(all(cell in line for cell in row) for line in text.splitlines()), row
-    for run in (run for group in told.worst for run in group.runs):
-        assert run.value in text
+    assert len(told.worst) == 2
+    worst = [[group.requirement, group.runs[0].value, *(str(run.number) for run in group.runs)] for group in told.worst]
+    for row in (*told.shares, *told.troubles, *worst):
+        assert shown(row), row
+    assert {shown(row) for row in told.quantiles} == {metrics}
+
+
+def test_the_worst_runs_with_a_log_are_marked(campaign_of, capsys):
+    rows = made_up_rows(50)
+    number = rows.sort("metric.least_clearance_m")["number"][1]
+    log = pl.when(pl.col("number") == number).then(pl.lit("logs/a.mcap")).alias("log")
+    directory = campaign_of(rows.with_columns(log))
+    (directory / "logs").mkdir()
+    (directory / "logs/a.mcap").touch()
+    show(directory)
+    text = capsys.readouterr().out
+    assert f" {number}*," in text
+    # Two requirements, and the line that says what the mark is.
+    assert text.count("*") == 1 + sum(number in read(directory).worst(each)["number"] for each in (ABOVE, BELOW))
 
 
 @pytest.mark.parametrize("status", ["refused", "crashed"])
