@@ -88,7 +88,9 @@ def test_every_example_is_a_command_that_exists(line: str) -> None:
     words = line.partition("#")[0].partition(">")[0].split()[1:]
     command: Any = typer.main.get_command(app)
     while hasattr(command, "commands"):
-        command = command.commands[words.pop(0)]
+        # A group may name the command itself: `platoon campaign STUDY.toml` is `platoon campaign run STUDY.toml`.
+        context = command.make_context(command.name, words)
+        _, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
     command.make_context(command.name, words)
 
 
