@@ -14,6 +14,7 @@ from bench.faults.plan import FaultPlan
 from bench.names import PLANT, vehicle_bus
 from bench.plant.description import read_description
 from bench.plant.fmu import FmuInstance, unpack
+from bench.plant.noise import sensor_noise
 from bench.plant.plant import TruthSink, VehicleNode, start_values
 from bench.scenario import Scenario
 
@@ -30,7 +31,7 @@ def make_nodes(
     """Create the node of every vehicle; `stack` closes its resources.
 
     Args:
-        scenario: start values and road.
+        scenario: start values, road and noise.
         fmu: the vehicle's FMU file.
         links: opens the link to a bus, by its name.
         codecs: codec of every bus.
@@ -51,7 +52,8 @@ def make_nodes(
         instance = FmuInstance(description, folder, bus, start_values(vehicle))
         stack.callback(instance.close)
         road = scenario.road_of(number)
-        nodes.append(VehicleNode(number, instance, description, road, link, codecs[bus], truth, plan))
+        noise = sensor_noise(scenario, number)
+        nodes.append(VehicleNode(number, instance, description, road, link, codecs[bus], truth, plan, noise))
     return nodes
 
 

@@ -11,7 +11,7 @@ cdef class VehicleNode:
     cdef readonly Inbox _inbox
     cdef Outbox _outbox
     cdef tuple _state, _inputs
-    cdef object _road, _truth, _actuators, _faults, _applied
+    cdef object _road, _truth, _actuators, _faults, _applied, _noise
     cdef bint _is_road_constant
     cdef dict _influences, _commands
     cdef double _weight, _step_us

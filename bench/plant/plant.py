@@ -35,6 +35,7 @@ from bench.plant.actuators import Actuators
 from bench.plant.description import FmuDescription
 from bench.plant.faults import VehicleFaults
 from bench.plant.fmu import FmuInstance
+from bench.plant.noise import SensorNoise
 from bench.scenario import Road, Vehicle
 from platoon_fmu.parameters import VehicleParameters
 
@@ -82,8 +83,9 @@ class VehicleNode:
         codec: Codec,
         truth: TruthSink,
         plan: FaultPlan,
+        noise: SensorNoise | None,
     ) -> None:
-        """Connect vehicle number `vehicle` to its bus `link`."""
+        """Connect vehicle number `vehicle` to its bus `link`; its sensors have `noise`, if any."""
         bus = vehicle_bus(vehicle)
         self.name = f"{bus}.plant"
         self._vehicle = vehicle
@@ -92,6 +94,7 @@ class VehicleNode:
             (message, tuple((signal, description.outputs.index(output)) for signal, output in outputs.items()))
             for message, outputs in _STATE.items()
         )
+        self._noise = noise
         self._inputs = description.inputs
         self._weight = VehicleParameters().M * VehicleParameters().g
         self._road = road
@@ -162,8 +165,13 @@ class VehicleNode:
         self._published = cycle
         row = self._fmu.outputs()
         self._truth(self._vehicle, cycle, row + self._fmu.inputs())
+        errors = None if self._noise is None else self._noise.at(cycle)
         for message, places in self._state:
-            outbox.put(bus, message, {signal: row[place] for signal, place in places})
+            values = {signal: row[place] for signal, place in places}
+            if errors is not None:
+                for signal in values:
+                    values[signal] += errors[signal]
+            outbox.put(bus, message, values)
         status = {
             "SteeringAngle": self._applied.steering_angle,
             "ActuatorState": actuators.state,

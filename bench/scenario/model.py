@@ -96,6 +96,30 @@ class Road(BaseModel):
     slope_rad: Slope = constant(0.0)
 
 
+class Noise(BaseModel):
+    """Standard deviations of the white Gaussian noise in what every vehicle measures, each cycle anew; 0 is none.
+
+    Attributes:
+        position_m: of X and of Y (m).
+        yaw_rad: of the yaw angle (rad).
+        roll_rad: of the roll angle (rad).
+        velocity_mps: of the velocities along and across the vehicle (m/s).
+        yaw_rate_radps: of the yaw rate (rad/s).
+        acceleration_mps2: of the accelerations along and across the vehicle (m/s^2).
+        wheel_speed_radps: of each wheel's speed of rotation (rad/s).
+    """
+
+    model_config = STRICT
+
+    position_m: Annotated[float, Field(ge=0, le=10)] = 0.0
+    yaw_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
+    roll_rad: Annotated[float, Field(ge=0, le=1)] = 0.0
+    velocity_mps: Annotated[float, Field(ge=0, le=10)] = 0.0
+    yaw_rate_radps: Annotated[float, Field(ge=0, le=1)] = 0.0
+    acceleration_mps2: Annotated[float, Field(ge=0, le=10)] = 0.0
+    wheel_speed_radps: Annotated[float, Field(ge=0, le=100)] = 0.0
+
+
 class VehicleRoad(BaseModel):
     """The values of `Road` that differ for one vehicle."""
 
@@ -157,6 +181,7 @@ class Scenario(BaseModel):
         platoon: the platoon to form.
         vehicles: initial states of the vehicles; the first is `veh1`.
         road: external influences on all vehicles.
+        noise: noise of all vehicles' sensors.
         planner: settings of the planner.
         tracker: settings of the tracker.
         faults: planned faults, each a table with its kind.
@@ -174,6 +199,7 @@ class Scenario(BaseModel):
     platoon: Platoon
     vehicles: Annotated[tuple[Vehicle, ...], Field(min_length=1, max_length=MOST_VEHICLES)]
     road: Road = Road()
+    noise: Noise = Noise()
     planner: PlannerSettings = PlannerSettings()
     tracker: TrackerSettings = TrackerSettings()
     faults: Annotated[tuple[AnyFault, ...], Field(max_length=MOST_FAULTS)] = ()
