@@ -15,7 +15,7 @@ EXIT_CODES = (
 
 Log = Annotated[Path, typer.Argument(metavar="RUN.mcap", help="The log of a run.")]
 ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A shipped scenario, random:SEED, or a TOML file.")
+    str, typer.Argument(metavar="SCENARIO", help="A shipped scenario, random:SEED, random-fault:SEED, or a TOML file.")
 ]
 Buses = Annotated[
     list[str] | None,

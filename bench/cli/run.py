@@ -201,6 +201,7 @@ def scenarios(
     Examples:
       platoon scenarios five > mine.toml
       platoon scenarios --random 7 > mine.toml
+      platoon scenarios random-fault:7 > mine.toml
       platoon scenarios --keys gap
       platoon scenarios --keys 'planner.*'
       platoon scenarios --schema > scenario.schema.json
@@ -230,11 +231,12 @@ def scenarios(
 
 
 def _scenario_list() -> str:
-    """Return a line for each shipped scenario, and one for the random ones."""
+    """Return a line for each shipped scenario, and one for each family of random ones."""
     from bench.scenario import load, shipped
-    from bench.scenario.random_family import FAMILY
+    from bench.scenario.families import FAMILIES
 
-    described = {name: load(name).description for name in shipped()} | FAMILY
+    described = {name: load(name).description for name in shipped()}
+    described |= {f"{family.name}:SEED": family.description for family in FAMILIES.values()}
     width = max(map(len, described))
     return "".join(f"{name:{width}}  {description}\n" for name, description in described.items())
 
@@ -246,10 +248,10 @@ def _scenario_text(name: str) -> str:
         BadInput: there is no such scenario.
     """
     from bench.scenario import SCENARIO_DIR, shipped
-    from bench.scenario.random_family import is_random, number_in, random_scenario
+    from bench.scenario.families import is_random, random_text
 
     if is_random(name):
-        return random_scenario(number_in(name))
+        return random_text(name)
     if name not in shipped():
         raise BadInput(f"No scenario {name!r}; shipped are {', '.join(shipped())}.")
     return (SCENARIO_DIR / f"{name}.toml").read_text(encoding="utf-8")

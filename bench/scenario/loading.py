@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from bench.errors import BadInput
 from bench.faults.former import renewed
 from bench.scenario.errors import Source, closest, explain
+from bench.scenario.families import is_random, random_text
 from bench.scenario.model import FROM_LOG, LONGEST_DESCRIPTION, Scenario
 from bench.scenario.overrides import put
-from bench.scenario.random_family import is_random, number_in, random_scenario
 
 SCENARIO_DIR = Path(__file__).parent / "shipped"
 
@@ -34,7 +34,7 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
     """Return a validated scenario.
 
     Args:
-        name_or_path: the name of a shipped scenario, `random:SEED`, or a TOML file.
+        name_or_path: the name of a shipped scenario, `random:SEED`, `random-fault:SEED`, or a TOML file.
         overrides: `KEY=VALUE` each, with a dotted KEY (`vehicles.0.x_m`, `vehicles[0].x_m`) and a TOML VALUE.
         seed: replaces the scenario's seed.
 
@@ -42,7 +42,7 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
         BadInput: one message with all errors: key, line, value, allowed range and remedy.
     """
     if is_random(str(name_or_path)):
-        where, text = str(name_or_path), random_scenario(number_in(str(name_or_path)))
+        where, text = str(name_or_path), random_text(str(name_or_path))
         document = tomllib.loads(text)
     else:
         path = _find(name_or_path)

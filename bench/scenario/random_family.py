@@ -4,18 +4,10 @@
 in an order that must not change: `tests/scenario/test_random_family.py` holds hashes of some scenarios.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
 
-from bench.control.random_numbers import RandomNumbers
-from bench.errors import BadInput
-
-PREFIX = "random:"
-FAMILY = {f"{PREFIX}SEED": "Two to seven vehicles on a random road; each number is one scenario, for ever the same"}
-"""The name of the family, and what it is."""
-MOST = 2**32 - 1
-"""The largest number of a scenario, which is its seed as well."""
+from bench.scenario.draw import Draw
 
 VEHICLES = (2, 7)
 SPEED_MPS = (12.0, 28.0)
@@ -37,7 +29,20 @@ LATEST_STEP_S = 8.0
 _ABREAST_M = 4.0
 """The largest distance along the road (m) at which the first two vehicles are abreast."""
 
-T = TypeVar("T")
+
+@dataclass(frozen=True)
+class Situation:
+    """Vehicles on a road that form a platoon: a random scenario without its name.
+
+    Attributes:
+        vehicles: number of vehicles.
+        description: what it is, in words.
+        lines: the scenario's TOML from `duration_s` on; the last of its tables is that of a vehicle.
+    """
+
+    vehicles: int
+    description: str
+    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -48,44 +53,17 @@ class _Start:
     y: float
 
 
-class _Draw:
-    """Draws values, rounded to as many digits as people write."""
-
-    def __init__(self, seed: int) -> None:
-        self._numbers = RandomNumbers(seed)
-
-    def between(self, low: float, high: float, digits: int = 2) -> float:
-        """Return a number from `low` to `high`, which have no more than these digits themselves."""
-        share: float = self._numbers.uniform()
-        # Adding zero turns -0.0 into 0.0.
-        return round(low + (high - low) * share, digits) + 0.0
-
-    def one_of(self, choices: Sequence[T]) -> T:
-        """Return one of the choices."""
-        place: int = self._numbers.below(len(choices))
-        return choices[place]
-
-
-def is_random(name: str) -> bool:
-    """Return whether a name is that of a random scenario, with a possible number or not."""
-    return name.startswith(PREFIX)
-
-
-def number_in(name: str) -> int:
-    """Return the number in the name of a random scenario, `random:SEED`.
-
-    Raises:
-        BadInput: not a number, or too large a one.
-    """
-    digits = name.removeprefix(PREFIX)
-    if not (digits.isascii() and digits.isdigit()) or len(digits) > len(str(MOST)) or int(digits) > MOST:
-        raise BadInput(f"Scenario {name}: not a number of a random scenario; allowed: {PREFIX}0 to {PREFIX}{MOST}")
-    return int(digits)
-
-
 def random_scenario(seed: int) -> str:
-    """Return the scenario of a number from 0 to `MOST` as TOML."""
-    draw = _Draw(seed)
+    """Return the scenario of a number from 0 to 2^32 - 1 as TOML."""
+    found = situation(seed)
+    title = f"# random:{seed}, a scenario of the random family: the same number is the same scenario, for ever."
+    name, description = f'name = "random-{seed}"', f'description = "{found.description}"'
+    return "\n".join([title, name, description, *found.lines]) + "\n"
+
+
+def situation(seed: int) -> Situation:
+    """Return the situation of a number from 0 to 2^32 - 1."""
+    draw = Draw(seed)
     speed, gap = draw.between(*SPEED_MPS), draw.between(*GAP_M)
     lane, adhesion = draw.one_of(PLATOON_LANES_M), draw.between(*ADHESION)
     number = draw.one_of(range(VEHICLES[0], VEHICLES[1] + 1))
@@ -96,9 +74,6 @@ def random_scenario(seed: int) -> str:
     wind = draw.one_of(([], [f"force_y_n = {_step(draw, 0.0, draw.between(-WIND_N, WIND_N, 0))}"]))
     description = f"{number} vehicles, {formation}, form a platoon at Y = {lane} m and {speed} m/s, adhesion {adhesion}"
     lines = [
-        f"# {PREFIX}{seed}, a scenario of the random family: the same number is the same scenario, for ever.",
-        f'name = "random-{seed}"',
-        f'description = "{description}"',
         f"duration_s = {DURATION_S}",
         f"seed = {seed}",
         *("", "[platoon]", f"lane_y_m = {lane}", f"speed_mps = {speed}", f"gap_m = {gap}"),
@@ -107,10 +82,10 @@ def random_scenario(seed: int) -> str:
     ]
     for start, own_speed in zip(starts, speeds, strict=True):
         lines += ["", "[[vehicles]]", f"x_m = {start.x}", f"y_m = {start.y}", f"speed_mps = {own_speed}"]
-    return "\n".join(lines) + "\n"
+    return Situation(number, description, tuple(lines))
 
 
-def _one_after_another(draw: _Draw, number: int) -> list[_Start]:
+def _one_after_another(draw: Draw, number: int) -> list[_Start]:
     """Return vehicles of which each is behind the one before, in either lane."""
     starts = [_Start(0.0, draw.one_of(START_LANES_M))]
     while len(starts) < number:
@@ -118,7 +93,7 @@ def _one_after_another(draw: _Draw, number: int) -> list[_Start]:
     return starts
 
 
-def _side_by_side(draw: _Draw, number: int) -> list[_Start]:
+def _side_by_side(draw: Draw, number: int) -> list[_Start]:
     """Return vehicles in two lanes, whose first ones are abreast."""
     last = dict(zip(START_LANES_M, (0.0, draw.between(-_ABREAST_M, _ABREAST_M)), strict=True))
     starts = [_Start(x, y) for y, x in last.items()]
@@ -129,7 +104,7 @@ def _side_by_side(draw: _Draw, number: int) -> list[_Start]:
     return starts
 
 
-def _exactly_abreast(draw: _Draw, number: int) -> list[_Start]:
+def _exactly_abreast(draw: Draw, number: int) -> list[_Start]:
     """Return vehicles in rows of two."""
     starts: list[_Start] = []
     x = 0.0
@@ -139,7 +114,7 @@ def _exactly_abreast(draw: _Draw, number: int) -> list[_Start]:
     return starts[:number]
 
 
-_FORMATIONS: dict[str, Callable[[_Draw, int], list[_Start]]] = {
+_FORMATIONS: dict[str, Callable[[Draw, int], list[_Start]]] = {
     "one after another": _one_after_another,
     "side by side": _side_by_side,
     "exactly abreast": _exactly_abreast,
@@ -147,11 +122,11 @@ _FORMATIONS: dict[str, Callable[[_Draw, int], list[_Start]]] = {
 """How the vehicles start, in the words of the description."""
 
 
-def _behind(draw: _Draw, x: float) -> float:
+def _behind(draw: Draw, x: float) -> float:
     return round(x - draw.between(*START_GAP_M), 2)
 
 
-def _stiffness(draw: _Draw) -> str:
+def _stiffness(draw: Draw) -> str:
     """Return a profile of the cornering stiffness's uncertainty, from -1 to 1 at all times, as TOML."""
     kind = draw.one_of(("constant", "step", "sine"))
     if kind == "constant":
@@ -164,6 +139,6 @@ def _stiffness(draw: _Draw) -> str:
     return f'{{ kind = "sine", mean = {mean}, amplitude = {amplitude}, frequency_hz = {frequency} }}'
 
 
-def _step(draw: _Draw, before: float, after: float) -> str:
+def _step(draw: Draw, before: float, after: float) -> str:
     at = draw.between(0.0, LATEST_STEP_S)
     return f'{{ kind = "step", at_s = {at}, before = {before}, after = {after} }}'

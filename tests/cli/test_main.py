@@ -330,6 +330,16 @@ def test_a_random_scenario_is_printed_and_run_by_its_number(tmp_path, refused):
     assert "-1" in refused("scenarios", "--random", "-1", cwd=tmp_path)
 
 
+def test_a_random_fault_is_printed_and_run_by_its_number(tmp_path, refused):
+    assert "random-fault:SEED " in platoon("scenarios", cwd=tmp_path).stdout
+    (tmp_path / "mine.toml").write_text(platoon("scenarios", "random-fault:17", cwd=tmp_path).stdout)
+    assert load(tmp_path / "mine.toml") == load("random-fault:17")
+    short = ["--can", "direct", "--set", "duration_s=0.1", "--no-report", "--out", "run.mcap"]
+    platoon("run", "random-fault:17", *short, cwd=tmp_path)
+    assert Run(tmp_path / "run.mcap").scenario == load("random-fault:17", ["duration_s=0.1"])
+    assert "allowed: random-fault:0 to random-fault:4294967295" in refused("run", "random-fault:x", cwd=tmp_path)
+
+
 def test_fmu_is_built_checked_and_described(tmp_path, refused):
     assert platoon("fmu", "build", "-o", "here", cwd=tmp_path).returncode == 0
     fmu = "here/Vehicle.fmu"

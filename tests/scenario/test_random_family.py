@@ -10,7 +10,8 @@ import pytest
 from bench.errors import BadInput
 from bench.faults.profile import Constant, Sine, Step
 from bench.scenario import Scenario, load
-from bench.scenario.random_family import MOST, random_scenario
+from bench.scenario.families import MOST
+from bench.scenario.random_family import random_scenario
 from platoon_fmu.parameters import BODY
 
 SEEDS = range(400)

@@ -21,7 +21,7 @@ from bench.benchmarks.against.comparison import Costs, in_pairs, in_real_time, s
 from bench.benchmarks.against.profile import is_possible
 from bench.errors import BadInput, RunFailed
 from bench.scenario import SCENARIO_DIR, load, shipped
-from bench.scenario.random_family import is_random, number_in, random_scenario
+from bench.scenario.families import is_random, random_text
 from platoon_fmu.interpreter import interpreter
 
 HOW_TO_READ = (
@@ -107,7 +107,7 @@ def scenario_file(name: str, vehicles: int | None, folder: Path) -> Path:
     if is_random(name):
         # The other checkout may not know the family.
         path = folder / f"{scenario.name}.toml"
-        path.write_text(random_scenario(number_in(name)), encoding="utf-8")
+        path.write_text(random_text(name), encoding="utf-8")
     if vehicles is None:
         return path
     document = tomllib.loads(path.read_text(encoding="utf-8"))

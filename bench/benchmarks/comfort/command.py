@@ -25,7 +25,7 @@ from bench.benchmarks.sheet import Sheet
 from bench.errors import BadInput
 from bench.files import check_directory, check_suffix, write_text
 from bench.scenario import shipped
-from bench.scenario.random_family import MOST, PREFIX
+from bench.scenario.families import MOST
 
 SCENARIOS = 300
 PARTS = ("random", "front", "shipped")
@@ -46,7 +46,7 @@ class _Runs:
 
     def random(self, seeds: range) -> list[Sheet | str]:
         """Return the tables of the random scenarios with these numbers."""
-        found = results([Job(f"{PREFIX}{seed}") for seed in seeds], self.folder, self.processes, _say)
+        found = results([Job(f"random:{seed}") for seed in seeds], self.folder, self.processes, _say)
         by_seed = dict(zip(seeds, found, strict=True))
         return [random_sheet(found), failed_sheet(by_seed), gave_way_sheet(by_seed)]
 
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_whole(1, MOST + 1),
         default=SCENARIOS,
         metavar="N",
-        help=f"number of random scenarios, {PREFIX}0 and on (default: {SCENARIOS})",
+        help=f"number of random scenarios, random:0 and on (default: {SCENARIOS})",
     )
     parser.add_argument("--only", choices=PARTS, help="only this part, which makes no page")
     parser.add_argument(
