@@ -26,20 +26,17 @@ from bench.errors import BadInput
 from bench.faults.profile import STRICT
 from bench.scenario import Scenario, load, shipped
 from bench.scenario.errors import Source, closest, explain
+from bench.scenario.families import FAMILIES, is_random
 from bench.scenario.loading import name_from, read_toml
-from bench.scenario.random_family import PREFIX, is_random
 
 STUDY_DIR = Path(__file__).parent / "studies"
-
-RANDOM = "random"
-"""The base that is the random family: the number of a run is that of its scenario."""
 
 DEFAULT_RUNS = 100
 MOST_RUNS = 1_000_000
 MOST_INPUTS = 100
 MOST_REQUIREMENTS = 100
 FIRST_NUMBERS = 8
-"""Scenarios of the random family in which the inputs' ranges are checked."""
+"""Scenarios of a random family in which the inputs' ranges are checked."""
 
 Sampling = Literal["monte-carlo", "latin-hypercube", "sobol", "grid", "corners"]
 WITHOUT_CHANCE = ("grid", "corners")
@@ -139,8 +136,8 @@ class StudyFile(BaseModel):
     Attributes:
         name: name of the study; the file's name if not given.
         description: what it asks, in words.
-        base: name of a shipped scenario, a scenario's file (its place as seen from the study's), or `random`, the
-            random family, of which the number of a run is the scenario.
+        base: name of a shipped scenario, a scenario's file (its place as seen from the study's), or `random` or
+            `random-fault`, families of random scenarios, of which the number of a run is the scenario.
         seed: seed of the sampling.
         runs: number of runs; of a grid or corners the most that it may have.
         sampling: how the inputs' values are chosen.
@@ -173,7 +170,7 @@ class Study:
 
     Attributes:
         name: its name.
-        base: a shipped scenario, the absolute path of a scenario's file, or `random`.
+        base: a shipped scenario, the absolute path of a scenario's file, or a family of random scenarios.
         seed: seed of the sampling.
         runs: number of runs.
         sampling: how the inputs' values are chosen.
@@ -206,7 +203,7 @@ class Study:
     @property
     def by_number(self) -> bool:
         """Whether the number of a run decides on its scenario, besides the values."""
-        return self.base == RANDOM
+        return self.base in FAMILIES
 
     def types(self) -> dict[str, type]:
         """Return the type of each input's values, text if they have several."""
@@ -223,7 +220,7 @@ class Study:
         Raises:
             BadInput: one cannot be read.
         """
-        places = [*_own_ecu_files(self.ecus), *([] if self.base == RANDOM or self.base in shipped() else [self.base])]
+        places = [*_own_ecu_files(self.ecus), *([] if self.by_number or self.base in shipped() else [self.base])]
         try:
             return {place: Path(place).read_bytes() for place in places}
         except OSError as error:
@@ -251,7 +248,7 @@ class Study:
         Raises:
             BadInput: together they are no possible scenario.
         """
-        base = f"{PREFIX}{number}" if self.base == RANDOM else self.base
+        base = f"{self.base}:{number}" if self.base in FAMILIES else self.base
         return load(base, [f"{key}={_toml(value)}" for key, value in values.items()])
 
     def problem(self, number: int, values: dict[str, Value]) -> BadInput | None:
@@ -364,8 +361,8 @@ def _check_together(path: Path, stated: StudyFile, inputs: Sequence[Input]) -> N
         inside = next((other for other in plain if other.startswith(f"{key}.")), None)
         if inside:
             raise BadInput(f"Study {path}: the input {inside} is inside the input {key}; leave out one of them")
-    if not inputs and not (stated.base == RANDOM and stated.sampling == "monte-carlo"):
-        remedy = 'sampling = "monte-carlo"' if stated.base == RANDOM else f'[[inputs]], or base = "{RANDOM}"'
+    if not inputs and not (stated.base in FAMILIES and stated.sampling == "monte-carlo"):
+        remedy = 'sampling = "monte-carlo"' if stated.base in FAMILIES else '[[inputs]], or base = "random"'
         raise BadInput(f"Study {path} has no inputs, so there is nothing to sample; give {remedy}")
     if stated.groups and stated.sampling in WITHOUT_CHANCE:
         raise BadInput(
@@ -391,18 +388,19 @@ def _number_of_runs(path: Path, stated: StudyFile, most: int | None) -> int:
 
 def _base(path: Path, base: str) -> str:
     """Return the base with the absolute path of a file."""
-    if base == RANDOM or base in shipped():
+    if base in FAMILIES or base in shipped():
         return base
     if is_random(base):
-        raise BadInput(f'Study {path}: base = "{base}" is one scenario; allowed for the random family: "{RANDOM}"')
+        family = base.partition(":")[0]
+        raise BadInput(f'Study {path}: base = "{base}" is one scenario; allowed for its family: "{family}"')
     file = path.parent / base
     if file.is_file():
         return str(file.resolve())
-    near = closest(base, [*shipped(), RANDOM])
+    near = closest(base, [*shipped(), *FAMILIES])
     meant = f' did you mean "{near}"?' if near else ""
     raise BadInput(
         f'Study {path}: base = "{base}" is neither a file beside the study nor a shipped scenario;{meant}'
-        f" allowed: {', '.join([*shipped(), RANDOM])}, or a file such as mine.toml"
+        f" allowed: {', '.join([*shipped(), *FAMILIES])}, or a file such as mine.toml"
     )
 
 
@@ -441,7 +439,7 @@ def _check_ranges(path: Path, study: Study) -> None:
     """Put values of each input's range into the base scenario: first alone, then with other inputs in their middle."""
     inputs = _all_inputs(study.inputs, study.groups)
     middle = {each.key: each.distribution.at(np.array([0.5]))[0] for each in inputs}
-    numbers = range(min(study.runs, FIRST_NUMBERS)) if study.base == RANDOM else range(1)
+    numbers = range(min(study.runs, FIRST_NUMBERS)) if study.base in FAMILIES else range(1)
     for each in inputs:
         ends = each.distribution.extremes()
         for value in (*ends, *_between(study, each, ends)):
@@ -487,8 +485,8 @@ _EXAMPLE = """\
 name = "example"
 description = "How the formation bears tyres, wind and start speeds that are not as planned"
 
-# A shipped scenario, a scenario's file (its place as seen from this one's), or "random": the family of random
-# scenarios, of which the number of a run is the scenario (then inputs are not needed).
+# A shipped scenario, a scenario's file (its place as seen from this one's), or "random" or "random-fault": families of
+# random scenarios, of which the number of a run is the scenario (then inputs are not needed).
 base = "formation"
 
 # The same seed gives the same values. With "monte-carlo" and "sobol" a longer campaign begins with the shorter one.

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.campaign.distributions import Choice, Distribution, Integers, Value
-from bench.campaign.study import RANDOM, Study
+from bench.campaign.study import Study
 from bench.errors import BadInput
 
 Array = npt.NDArray[np.float64]
@@ -40,13 +40,13 @@ def check_base(study: Study) -> None:
     """Refuse a study whose runs do not follow from the values of its inputs.
 
     Raises:
-        BadInput: its base is the random family.
+        BadInput: its base is a family of random scenarios.
     """
     if study.by_number:
         raise BadInput(
-            f'Study {study.name}: base = "{RANDOM}" is another scenario in each run, but this needs one of which only'
-            ' the inputs vary; save one by `platoon scenarios --random 7 > mine.toml`, set base = "mine.toml" and'
-            " give [[inputs]]"
+            f'Study {study.name}: base = "{study.base}" is another scenario in each run, but this needs one of which'
+            f' only the inputs vary; save one by `platoon scenarios {study.base}:7 > mine.toml`, set base = "mine.toml"'
+            " and give [[inputs]]"
         )
 
 

@@ -154,7 +154,7 @@ def test_an_equality_cannot_be_searched(comparison):
 def test_a_study_without_anything_to_vary_cannot_be_searched():
     with pytest.raises(BadInput, match=r"no input has more than one value.*give \[\[inputs\]\]"):
         search(study_of(choice(1.0)), ABOVE_0, Evaluated(lambda _: 0.0), runs=1)
-    with pytest.raises(BadInput, match=r"another scenario in each run.*platoon scenarios --random 7 > mine.toml"):
+    with pytest.raises(BadInput, match=r"another scenario in each run.*platoon scenarios random:7 > mine.toml"):
         search(study_of(uniform(), base="random"), ABOVE_0, Evaluated(lambda _: 0.0), runs=1)
 
 

@@ -8,6 +8,8 @@ import pytest
 from bench.campaign.sampling import samples, scenario_of
 from bench.campaign.study import example, load_study, shipped_studies
 from bench.errors import BadInput
+from bench.scenario import load
+from bench.scenario.model import Noise
 
 UNIFORM = '{ kind = "uniform", low = 0.4, high = 0.8 }'
 GROUP = """
@@ -51,17 +53,25 @@ def test_the_example_runs_with_every_kind_of_distribution(tmp_path):
         assert scenario.seed == sample.values["seed"]
 
 
-@pytest.mark.parametrize("name", ["robustness", "seed-paper"])
+@pytest.mark.parametrize("name", shipped_studies())
 def test_shipped_studies_load_and_their_first_samples_are_scenarios(name):
-    assert name in shipped_studies()
+    assert shipped_studies() == ["faults", "robustness", "seed-paper"]
     study = load_study(name, 3)
     assert (study.name, study.runs) == (name, 3)
     assert [scenario_of(study, sample) for sample in samples(study)]
 
 
-def test_a_run_of_robustness_is_the_random_scenario_of_its_number():
+def test_a_run_of_robustness_is_the_random_scenario_of_its_number_with_noise():
     study = load_study("robustness", 3)
-    assert [scenario_of(study, sample).name for sample in samples(study)] == ["random-0", "random-1", "random-2"]
+    runs = [scenario_of(study, sample) for sample in samples(study)]
+    assert [run.model_copy(update={"noise": Noise()}) for run in runs] == [load(f"random:{n}") for n in range(3)]
+    assert set(study.keys) == {f"noise.{key}" for key in Noise.model_fields}
+    assert all(value > 0.0 for run in runs for value in dict(run.noise).values())
+
+
+def test_a_run_of_faults_is_the_random_fault_of_its_number():
+    study = load_study("faults", 3)
+    assert [scenario_of(study, sample) for sample in samples(study)] == [load(f"random-fault:{n}") for n in range(3)]
 
 
 def test_the_text_is_the_study_from_any_directory_and_under_any_name(tmp_path, study_of):
@@ -170,7 +180,9 @@ def test_a_study_that_cannot_run_is_refused_in_one_message_that_names_the_file(s
     ("base", "words"),
     [
         ("formatoin", 'did you mean "formation"?'),
-        ("random:7", 'allowed for the random family: "random"'),
+        ("random:7", 'allowed for its family: "random"'),
+        ("random-fault:7", 'allowed for its family: "random-fault"'),
+        ("random-faults", 'did you mean "random-fault"?'),
         ("missing.toml", "neither a file beside the study"),
         ("broken.toml", "its base is refused"),
     ],
