@@ -20,7 +20,7 @@ from bench.cli.machine_code import use_machine_code
 from bench.cli.options import LOGS
 from bench.cli.output import message
 from bench.errors import BadInput, RunFailed
-from bench.files import check_report
+from bench.files import check_directory, check_report
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -217,7 +217,8 @@ def show(
 def report(
     folder: Folder,
     output: Annotated[
-        Path | None, typer.Option("-o", metavar="PAGE.html", help="The page to write; DIR/report.html if not given.")
+        Path | None,
+        typer.Option("-o", metavar="PAGE", help="The page to write, .html or .md; DIR/report.html if not given."),
     ] = None,
 ) -> None:
     """Write a page with what the runs of a campaign say: failures, what drives them, the worst runs.
@@ -225,11 +226,18 @@ def report(
     Example:
       platoon campaign report logs/seed-paper
     """
-    from bench.campaign.page import report as write_page
-
     page = output or folder / "report.html"
-    check_report(page)
-    typer.echo(f"report: {write_page(folder, page)}")
+    if page.suffix == ".md":
+        from bench.campaign import markdown
+
+        check_directory(page)
+        markdown.write(folder, page)
+    else:
+        from bench.campaign.page import report as write_page
+
+        check_report(page)
+        write_page(folder, page)
+    typer.echo(f"report: {page}")
 
 
 @campaign_app.command()
