@@ -28,10 +28,11 @@ from bench.campaign.distributions import Value
 from bench.campaign.jobs import Made
 from bench.campaign.requirements import METRIC_NAMES, metric_type
 from bench.campaign.results import INPUT, METRIC, PURPOSE, REQUIREMENT, purpose_of, read
-from bench.campaign.study import Study
+from bench.campaign.study import Study, load_study
 from bench.campaign.version import code_version
 from bench.errors import BadInput, RunFailed, shortage
 from bench.files import write_text, written_aside
+from bench.scenario import Scenario
 
 MOST_PARTS = 64
 """Parts of one size that are joined into one of the next size."""
@@ -52,7 +53,7 @@ def schema(study: Study) -> dict[str, Any]:
         "wall_s": pl.Float64,
         "worker": pl.String,
         "log": pl.String,
-        **{INPUT + key: _POLARS[kind] for key, kind in study.types().items()},
+        **{INPUT + key: _POLARS[kind] for key, kind in (study.types() | study.shown_types()).items()},
         **{METRIC + name: _POLARS[metric_type(name)] for name in METRIC_NAMES},
         **{REQUIREMENT + each.text: pl.Boolean for each in study.requirements},
     }
@@ -112,6 +113,7 @@ class Store:
 
     def row(self, made: Made, key: str, values: dict[str, Value]) -> dict[str, Any]:
         """Return the row of a run."""
+        shown = values | self.study.shown(made.number, values)
         return {
             "number": made.number,
             "key": key,
@@ -121,7 +123,7 @@ class Store:
             "wall_s": made.wall_s,
             "worker": made.worker,
             "log": log_name(made.number) if made.log is not None else None,
-            **{INPUT + name: _as(self._schema[INPUT + name], value) for name, value in values.items()},
+            **{INPUT + name: _as(self._schema[INPUT + name], value) for name, value in shown.items()},
             **{METRIC + name: _as(self._schema[METRIC + name], made.metrics.get(name)) for name in METRIC_NAMES},
             **{REQUIREMENT + each.text: each.met(made.metrics) for each in self.study.requirements},
         }
@@ -188,8 +190,8 @@ class Store:
         self._sizes.setdefault(size, []).append(part)
 
 
-def values_of(folder: Path, number: int) -> dict[str, Value]:
-    """Return the values of a run's inputs.
+def scenario_of(folder: Path, number: int) -> Scenario:
+    """Return the scenario of a run.
 
     Raises:
         BadInput: the folder is none of a campaign, or has no such run.
@@ -198,9 +200,10 @@ def values_of(folder: Path, number: int) -> dict[str, Value]:
     if rows.is_empty():
         raise BadInput(f"{folder} has no run {number}; allowed: the numbers in its runs.parquet")
     row = rows.row(0, named=True)
-    return {
-        name.removeprefix(INPUT): row[name] for name in rows.columns if name.startswith(INPUT) and row[name] is not None
-    }
+    study = load_study(folder / "study.toml")
+    # A counterexample leaves keys to the base.
+    values = {key: row[INPUT + key] for key in study.keys if row[INPUT + key] is not None}
+    return study.scenario(number, values)
 
 
 def check(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> None:

@@ -23,7 +23,7 @@ from bench.campaign.distributions import Distribution, Normal, Value
 from bench.campaign.requirements import Requirement, default_requirements, requirement
 from bench.ecu.loading import load_class
 from bench.errors import BadInput
-from bench.faults.profile import STRICT
+from bench.faults.profile import STRICT, Constant
 from bench.scenario import Scenario, load, shipped
 from bench.scenario.errors import Source, closest, explain
 from bench.scenario.families import FAMILIES, is_random
@@ -213,6 +213,20 @@ class Study:
             numbers = kinds <= {int, float}
             found[each.key] = kinds.pop() if len(kinds) == 1 else float if numbers else str
         return found
+
+    def shown_types(self) -> dict[str, type]:
+        """Return the types of what is shown of each run besides the inputs: what a family of scenarios has drawn."""
+        family = FAMILIES.get(self.base)
+        return {} if family is None else {key: kind for key, kind in family.shown.items() if key not in self.keys}
+
+    def shown(self, number: int, values: dict[str, Value]) -> dict[str, Value]:
+        """Return what is shown of a run besides its inputs; nothing of values that make no scenario."""
+        keys = self.shown_types()
+        try:
+            scenario = self.scenario(number, values) if keys else None
+        except BadInput:
+            return {}
+        return {key: _value(scenario, key) for key in keys}
 
     def files(self) -> dict[str, bytes]:
         """Return the contents of the user's files that runs depend on, by path: base scenario and ECUs.
@@ -473,6 +487,16 @@ def _with_requirements(path: Path, study: Study, texts: Sequence[str] | None, sc
     if twice:
         raise BadInput(f'Study {path}: the requirement "{twice[0]}" is stated more than once; state it once')
     return replace(study, requirements=found)
+
+
+def _value(scenario: Any, key: str) -> Value:
+    """Return a scenario's value of a key: of a list the number of its items, of a constant profile its level."""
+    for part in key.split("."):
+        scenario = scenario[int(part)] if part.isdigit() else getattr(scenario, part)
+    if isinstance(scenario, tuple | list):
+        return len(scenario)
+    found: Value = scenario.level if isinstance(scenario, Constant) else scenario
+    return found
 
 
 def _toml(value: Value) -> str:

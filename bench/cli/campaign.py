@@ -251,11 +251,9 @@ def scenario(
       platoon campaign scenario logs/seed-paper 17 > run-17.toml
       platoon run run-17.toml --can direct
     """
-    from bench.campaign.store import values_of
-    from bench.campaign.study import load_study
+    from bench.campaign.store import scenario_of
 
-    values = values_of(folder, number)
-    typer.echo(load_study(folder / "study.toml").scenario(number, values).toml(), nl=False)
+    typer.echo(scenario_of(folder, number).toml(), nl=False)
 
 
 def _say_dashboard(client: Client) -> None:

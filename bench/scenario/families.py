@@ -1,6 +1,6 @@
 """The families of random scenarios: `FAMILY:NUMBER` names one wherever a scenario is named."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from bench.errors import BadInput
@@ -19,12 +19,24 @@ class Family:
         name: what its scenarios' names begin with.
         description: what they are.
         text: returns the scenario of a number from 0 to `MOST` as TOML.
+        shown: keys of a scenario by which its runs are told apart, with the types of their values; `vehicles` is the
+            number of vehicles.
     """
 
     name: str
     description: str
     text: Callable[[int], str]
+    shown: Mapping[str, type]
 
+
+_SITUATION: Mapping[str, type] = {
+    "vehicles": int,
+    "platoon.speed_mps": float,
+    "platoon.gap_m": float,
+    "platoon.lane_y_m": float,
+    "road.mu": float,
+}
+_FAULT: Mapping[str, type] = {"faults.0.kind": str, "faults.0.at_s": float}
 
 FAMILIES = {
     each.name: each
@@ -33,11 +45,13 @@ FAMILIES = {
             "random",
             "Two to seven vehicles on a random road; each number is one scenario, for ever the same",
             random_scenario,
+            _SITUATION,
         ),
         Family(
             "random-fault",
             "The random scenario of the same number with one fault of a random kind, target, time and size",
             random_fault_scenario,
+            {**_SITUATION, **_FAULT},
         ),
     )
 }
