@@ -132,7 +132,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 		echo "$(PYTHON) cannot create virtual environments. On Debian or Ubuntu: apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt editables hatchling
-	$(INSTALL) '.[live,mf4,pandas]'
+	$(INSTALL) '.[campaign,live,mf4,pandas]'
 	@touch $@
 
 $(LINTERS): $(INSTALLED)

@@ -6,6 +6,7 @@ import queue
 import time
 import uuid
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,12 +19,12 @@ from bench.campaign.jobs import CRASHED, OK, REFUSED, Job, Made, Setup
 from bench.campaign.keeping import WORST, Keeping, failed
 from bench.campaign.results import METRIC
 from bench.campaign.sampling import Sample
-from bench.campaign.store import Store, check, opened
+from bench.campaign.store import Store, check, log_name, opened
 from bench.campaign.study import Study
 from bench.campaign.version import versions
 from bench.campaign.worker import Runner, make
 from bench.conductor.interrupts import Interrupts
-from bench.errors import RunFailed
+from bench.errors import BenchError, RunFailed
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -181,12 +182,14 @@ class Campaign:
 
     def _write(self, landed: list[tuple[Made, Job, str]]) -> None:
         rows = []
+        surplus: set[int] = set()
         for made, job, key in landed:
             if made.log is not None:
                 self._store.keep(made, dict(job.values))
-                self._store.drop(self._keeping.note(made))
+                surplus |= self._keeping.note(made)
             rows.append(self._store.row(made, key, dict(job.values)))
         self._store.add(rows)
+        self._store.drop(surplus)
         for made, _, key in landed:
             self._made[key], self._numbers[made.number] = made.number, key
             self.count.made += 1
@@ -215,8 +218,11 @@ class Campaign:
         if not copies:
             return
         rows = {row["key"]: row for row in self._store.done().iter_rows(named=True)}
-        self._store.add([{**rows[key], "number": sample.number} for sample, key in copies])
-        self.count.made += len(copies)
+        same = [{**rows[key], "number": sample.number} for sample, key in copies]
+        self._store.add(same)
+        for row in same:
+            self.count.made += 1
+            self._count_failure(_as_made(row))
         self._follow(self.count)
 
     def _recall(self) -> None:
@@ -226,7 +232,8 @@ class Campaign:
             made = _as_made(row)
             self.count.before += 1
             self._count_failure(made)
-            if row["log"] is not None:
+            # The log of a run that is the same as another one is the other's.
+            if row["log"] == log_name(made.number):
                 self._store.drop(self._keeping.note(made))
 
 
@@ -288,12 +295,16 @@ def begun(study: Study, options: Options, total: int | None) -> Iterator[Campaig
 @contextmanager
 def _plugin(client: Client, setup: Setup) -> Iterator[None]:
     """Give all workers what they need, as long as the context lasts."""
-    client.register_plugin(Runner(setup))
     try:
+        try:
+            client.register_plugin(Runner(setup))
+        except OSError as error:
+            raise RunFailed(f"a worker cannot be prepared for runs: {error}") from error
         yield
     finally:
         if client.status == "running":
-            with suppress(OSError, TimeoutError):
+            # Whatever a worker says that was refused.
+            with suppress(Exception):
                 client.unregister_worker_plugin(setup.name)
 
 
@@ -338,7 +349,10 @@ class _Flight:
         self._seen = time.monotonic()
         # All at once, because each request to the workers takes milliseconds.
         finished = [future for future in found if future.status == "finished"]
-        results = dict(zip(finished, self._client.gather(finished), strict=True)) if finished else {}
+        try:
+            results = dict(zip(finished, self._client.gather(finished), strict=True)) if finished else {}
+        except (CancelledError, OSError, TimeoutError) as error:
+            raise RunFailed(_GONE) from error
         return [(results.get(future) or self._failed(future), *self._jobs.pop(future)) for future in found]
 
     def cancel(self) -> None:
@@ -361,7 +375,8 @@ class _Flight:
         if isinstance(error, KilledWorker):
             job, _ = self._jobs[future]
             return Made(job.number, CRASHED, "the workers died that made it", tries=error.allowed_failures)
-        raise RunFailed(f"a worker cannot make runs: {type(error).__name__}: {error}")
+        words = error if isinstance(error, BenchError) else f"{type(error).__name__}: {error}"
+        raise RunFailed(f"a worker cannot make runs: {words}")
 
     def _check(self) -> None:
         """Raise an error if nothing can be expected any more."""

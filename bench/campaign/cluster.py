@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import signal
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,9 +62,7 @@ def connected(place: Place) -> Iterator[Client]:
             "PYTHONSAFEPATH": "1",
         },
     }
-    # What goes wrong is said by the campaign, once and in its own words.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    with dask.config.set(settings):
+    with dask.config.set(settings), _quiet():
         there = place.address or place.scheduler_file
         with _remote(place) if there else _local(place) as client:
             yield client
@@ -100,11 +99,9 @@ def _remote(place: Place) -> Iterator[Client]:
     from distributed import Client
 
     option = f"--scheduler-file {place.scheduler_file}" if place.scheduler_file else f"--cluster {place.address}"
-    if place.scheduler_file is not None and not place.scheduler_file.is_file():
-        raise BadInput(f"{option}: no such file; start a scheduler with: dask scheduler {option}")
-    to = {"scheduler_file": str(place.scheduler_file)} if place.scheduler_file else {"address": place.address}
+    address = _address_in(place.scheduler_file, option) if place.scheduler_file else place.address
     try:
-        client = Client(**to, timeout=CONNECT_S, set_as_default=False)
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, ImportError) as error:
         raise BadInput(
             f"{option}: no scheduler answers there within {CONNECT_S:g} s ({error or type(error).__name__});"
@@ -113,6 +110,21 @@ def _remote(place: Place) -> Iterator[Client]:
     with client:
         check(client, option)
         yield client
+
+
+def _address_in(file: Path, option: str) -> str:
+    """Return the address that a scheduler has written to its file.
+
+    Raises:
+        BadInput: there is none.
+    """
+    mend = f"start a scheduler with: dask scheduler {option}"
+    try:
+        return str(json.loads(file.read_text(encoding="utf-8"))["address"])
+    except OSError as error:
+        raise BadInput(f"{option}: {error.strerror}; {mend}") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise BadInput(f"{option}: no scheduler has written its address there; {mend}") from error
 
 
 def check(client: Client, option: str) -> None:
@@ -150,16 +162,36 @@ def _cores() -> int:
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Have processes started meanwhile ignore Ctrl-C: the terminal sends it to all, and the command ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _quiet() -> Iterator[None]:
+    """Silence the logs of Dask and of what it is made of: the campaign says what goes wrong, once and in its words."""
+    import distributed  # noqa: F401 - gives some of its loggers a level of their own
+
+    noisy = ("distributed", "tornado", "asyncio")
+    names = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in noisy]
+    loggers = [logging.getLogger(name) for name in (*noisy, *names)]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Have threads and processes started meanwhile never see Ctrl-C: the terminal sends it to all of its processes.
+
+    The command, which ends them, gets it at the end of the context at the latest.
+    """
+    # It is started with the first worker otherwise, and would undo what is done here.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -11,6 +11,8 @@ from bench.campaign.study import Study
 
 OK, REFUSED, FAILED, CRASHED, TIMEOUT = "ok", "refused", "failed", "crashed", "timeout"
 """How a run ended: at its end, its values make no scenario, with an error, its process died, it took too long."""
+SHORT = "short"
+"""What hinders a run is its machine: no room on the disk, no process. It has no row, and the campaign stops."""
 MOST_TRIES = 2
 """How often a run is tried that did not reach its end."""
 
@@ -42,13 +44,13 @@ class Job:
         number: of the run.
         values: of the study's inputs by key.
         keep: whether its log is asked for.
-        worst: margins by requirement; a run with less than that is to keep its log (`bench.campaign.keeping`).
+        worst: margin and number by requirement; a run before that is to keep its log (`bench.campaign.keeping`).
     """
 
     number: int
     values: Mapping[str, Value]
     keep: bool = False
-    worst: Mapping[str, float] = field(default_factory=dict)
+    worst: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

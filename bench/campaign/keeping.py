@@ -7,6 +7,7 @@ the log of one that no longer is goes: of n runs in random order, about k (1 + l
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Collection, Mapping, Sequence
 
 from bench.campaign.jobs import OK, Made
@@ -37,7 +38,7 @@ class Keeping:
         self._requirements = requirements
         self._most = worst
         self._asked = asked
-        # By requirement the worst runs, the least bad first: negative margin and number.
+        # By requirement the worst runs, the least bad first: margin and number, both negative.
         self._worst: dict[str, list[tuple[float, int]]] = {each.text: [] for each in requirements}
         self._failures: set[int] = set()
 
@@ -45,10 +46,13 @@ class Keeping:
         """Return whether a run keeps its log in any case."""
         return self._asked is None or number in self._asked
 
-    def limits(self) -> dict[str, float]:
-        """Return the margin by requirement below which a run is among the worst so far."""
+    def limits(self) -> dict[str, tuple[float, float]]:
+        """Return by requirement the margin and number before which a run is among the worst so far.
+
+        Of runs with the same margin the first by number counts as worse, whichever ended first.
+        """
         return {
-            text: -found[0][0] if len(found) >= self._most else float("inf")
+            text: (-found[0][0], -found[0][1]) if len(found) >= self._most else (math.inf, math.inf)
             for text, found in self._worst.items()
             if self._most
         }
@@ -61,17 +65,17 @@ class Keeping:
         for each in self._requirements:
             margin = each.margin(made.metrics)
             if margin is not None and self._most:
-                heapq.heappush(self._worst[each.text], (-margin, made.number))
+                heapq.heappush(self._worst[each.text], (-margin, -made.number))
                 if len(self._worst[each.text]) > self._most:
                     heapq.heappop(self._worst[each.text])
         after = self._kept()
         return {number for number in before - after if not self.is_asked(number)}
 
     def _kept(self) -> set[int]:
-        return self._failures.union(*({number for _, number in found} for found in self._worst.values()))
+        return self._failures.union(*({-number for _, number in found} for found in self._worst.values()))
 
 
-def is_wanted(made: Made, requirements: Sequence[Requirement], limits: Mapping[str, float]) -> bool:
+def is_wanted(made: Made, requirements: Sequence[Requirement], limits: Mapping[str, tuple[float, float]]) -> bool:
     """Return whether a run failed or is among the worst so far.
 
     Args:
@@ -82,4 +86,4 @@ def is_wanted(made: Made, requirements: Sequence[Requirement], limits: Mapping[s
     if failed(made, requirements):
         return True
     margins = {each.text: each.margin(made.metrics) for each in requirements if each.text in limits}
-    return any(margin is not None and margin < limits[text] for text, margin in margins.items())
+    return any(margin is not None and (margin, made.number) < limits[text] for text, margin in margins.items())

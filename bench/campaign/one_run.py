@@ -6,6 +6,7 @@ standard input and output; what the run itself prints goes to standard error.
 
 from __future__ import annotations
 
+import errno
 import faulthandler
 import gc
 import json
@@ -19,7 +20,7 @@ from typing import Any
 
 from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
-from bench.campaign.jobs import FAILED, OK, REFUSED
+from bench.campaign.jobs import FAILED, OK, REFUSED, SHORT
 from bench.campaign.requirements import flat_metrics
 from bench.campaign.study import Study
 from bench.conductor.linux import die_with_parent, set_name
@@ -81,7 +82,17 @@ def answer_to(study: Study, fmu: Path, number: int, values: dict[str, Any], log:
             metrics = flat_metrics(compute(Run(log)), loaded)
         except BenchError as error:
             # Where the log is, is another place for the user.
-            status, words = FAILED, str(error).partition("\nThe log up to there is")[0]
+            status, words = _how(error), str(error).partition("\nThe log up to there is")[0]
         except Exception as error:  # noqa: BLE001 - one bad run is a row of the campaign, and never its end
-            status, words = FAILED, shortage(error) or f"{type(error).__name__}: {error}"
+            status, words = _how(error), shortage(error) or f"{type(error).__name__}: {error}"
     return {"status": status, "words": words, "metrics": metrics, "wall_s": time.perf_counter() - began}
+
+
+def _how(error: BaseException) -> str:
+    """Return the status of a run that has ended with an error; a full disk says nothing about the run."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS):
+            return SHORT
+        cause = cause.__cause__ or cause.__context__
+    return FAILED

@@ -7,8 +7,10 @@ import os
 import select
 import signal
 import tempfile
+import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from subprocess import PIPE
 from typing import Any
@@ -25,8 +27,16 @@ class Crashed(Exception):
     """The process has died; the text says how."""
 
 
+class NotStarted(Crashed):
+    """The process has died before it could make a run, or took too long to start."""
+
+
 class TooLong(Exception):
     """The process has not answered in time, and was killed."""
+
+
+class Ended(Exception):
+    """No run is made any more."""
 
 
 class RunProcess:
@@ -66,12 +76,12 @@ class RunProcess:
             limit_s: the longest time it may take, s.
 
         Raises:
+            NotStarted: the process has died before that.
             Crashed: the process has died.
             TooLong: the run took too long; the process is killed.
         """
         if not self._is_ready:
-            self._answer(START_S, f"its process did not start within {START_S:g} s")
-            self._is_ready = True
+            self._start()
         self._said.seek(0)
         self._said.truncate()
         request = json.dumps({"number": number, "values": values, "log": str(log)}) + "\n"
@@ -81,11 +91,27 @@ class RunProcess:
             raise Crashed(self._how_it_ended()) from None
         return self._answer(limit_s, f"took longer than {limit_s:g} s and was ended")
 
-    def close(self) -> None:
-        """Kill it."""
+    def _start(self) -> None:
+        """Wait until it can make runs.
+
+        Raises:
+            NotStarted: it cannot.
+        """
+        try:
+            self._answer(START_S, f"its process did not start within {START_S:g} s")
+        except (Crashed, TooLong) as error:
+            raise NotStarted(str(error)) from error
+        self._is_ready = True
+
+    def kill(self) -> None:
+        """Kill it; a thread that waits in `ask` sees that it has died."""
         with suppress(ProcessLookupError):
             self._process.kill()
         self._process.wait()
+
+    def close(self) -> None:
+        """Kill it, and close its streams."""
+        self.kill()
         for stream in (self._process.stdin, self._process.stdout, self._said):
             if stream is not None:
                 with suppress(OSError):
@@ -136,3 +162,63 @@ class RunProcess:
             except ValueError:
                 how = f"its process was killed by signal {-code}"
         return f"{how}; it said: {said}" if said else how
+
+
+class RunProcesses:
+    """The processes of a worker that make runs, as many as it has runs at a time."""
+
+    def __init__(self, study: Path, fmu: Path) -> None:
+        """Begin without one.
+
+        Args:
+            study: file with the pickled study.
+            fmu: the vehicle's FMU.
+        """
+        self._study = study
+        self._fmu = fmu
+        self._lock = threading.Lock()
+        self._idle: list[RunProcess] = []
+        self._busy: set[RunProcess] = set()
+        self._is_ended = False
+
+    @contextmanager
+    def one(self) -> Iterator[RunProcess]:
+        """Yield a process for one run, and keep it for the next if that has ended without an error.
+
+        Raises:
+            Ended: `end` has been called.
+            OSError: the system does not permit another process.
+        """
+        process = self._taken()
+        try:
+            yield process
+        except BaseException:
+            self._put_back(process, is_usable=False)
+            raise
+        self._put_back(process, is_usable=True)
+
+    def end(self) -> None:
+        """Kill all of them, also those that are making a run."""
+        with self._lock:
+            self._is_ended = True
+            for idle in self._idle:
+                idle.close()
+            self._idle.clear()
+            for busy in self._busy:
+                busy.kill()
+
+    def _taken(self) -> RunProcess:
+        with self._lock:
+            if self._is_ended:
+                raise Ended("the campaign has ended")
+            process = self._idle.pop() if self._idle else RunProcess(self._study, self._fmu)
+            self._busy.add(process)
+            return process
+
+    def _put_back(self, process: RunProcess, *, is_usable: bool) -> None:
+        with self._lock:
+            self._busy.discard(process)
+            if is_usable and not self._is_ended:
+                self._idle.append(process)
+            else:
+                process.close()

@@ -1,7 +1,7 @@
 """The folder of a campaign, written as runs end so that nothing is lost whatever is killed.
 
     study.toml       the study, complete in itself but for a base scenario's file
-    code.txt         hash of the code that made the runs
+    code.txt         hash of the code that made the runs, and of the user's files that they depend on
     purpose.txt      what chose the values of the runs, if that was not the study's sampling
     parts/*.parquet  the rows of runs, in the order in which they ended; renamed into place, so whole or not there
     logs/            of the runs kept: run-000017.mcap, the scenario beside it as .toml, and later a report as .html
@@ -19,6 +19,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -78,14 +79,13 @@ class Store:
         self.study = study
         self._schema = schema(study)
         self._parts = folder / "parts"
+        self._table = folder / "runs.parquet"
         self._base = hashlib.sha256(_identity(study).encode())
         # Of each size the parts, and the number of the next part.
         self._sizes: dict[int, list[Path]] = {}
-        for path in sorted(self._parts.glob("*.parquet")):
+        for path in sorted(self._parts.glob("*.parquet"), key=_order_of):
             self._sizes.setdefault(_size_of(path), []).append(path)
-        self._next = 1 + max(
-            (int(path.stem.split("-")[1]) for each in self._sizes.values() for path in each), default=-1
-        )
+        self._next = 1 + max((_order_of(path) for each in self._sizes.values() for path in each), default=-1)
 
     def key(self, number: int, values: dict[str, Value]) -> str:
         """Return the key of a run: a hash of its scenario, seed included, and of the code.
@@ -97,15 +97,16 @@ class Store:
         return digest.hexdigest()[:16]
 
     def done(self) -> pl.DataFrame:
-        """Return the rows there are, each once: number, key, log, and what decides on logs."""
-        return self._scan().unique("number", keep="first").collect()
+        """Return the rows there are, each once, in the order in which the runs ended."""
+        return self._scan().unique("number", keep="first", maintain_order=True).collect()
 
     def add(self, rows: Sequence[dict[str, Any]]) -> None:
-        """Write rows of runs.
+        """Write rows of runs; the table of all runs, if there is one, is none of all any more.
 
         Raises:
             RunFailed: they cannot be written.
         """
+        self._table.unlink(missing_ok=True)
         self._write(0, pl.DataFrame(rows, self._schema, orient="row"))
         for size in sorted(self._sizes):
             if len(self._sizes[size]) >= MOST_PARTS:
@@ -149,6 +150,13 @@ class Store:
             for path in (log, log.with_suffix(".toml"), log.with_suffix(".html")):
                 path.unlink(missing_ok=True)
 
+    def drop_unknown_logs(self) -> None:
+        """Remove logs of runs without a row: a campaign was killed after it had written the log."""
+        known = set(self._scan().select("log").drop_nulls().collect()["log"])
+        for log in (self.folder / "logs").glob("run-*.mcap"):
+            if f"logs/{log.name}" not in known:
+                self.drop([int(log.stem.removeprefix("run-"))])
+
     def finish(self) -> Path:
         """Write the table of all runs in the order of their numbers, and return it.
 
@@ -156,14 +164,13 @@ class Store:
             RunFailed: it cannot be written.
         """
         numbers = self._scan().select("number").unique().sort("number").collect()["number"]
-        target = self.folder / "runs.parquet"
-        with _writing(target) as aside:
+        with _writing(self._table) as aside:
             parts = [
                 self._between(numbers[start], numbers[min(start + ROWS_AT_ONCE, len(numbers)) - 1])
                 for start in range(0, len(numbers), ROWS_AT_ONCE)
             ]
             pl.concat(parts or [pl.LazyFrame(schema=self._schema)]).sink_parquet(aside)
-        return target
+        return self._table
 
     def _between(self, first: int, last: int) -> pl.LazyFrame:
         rows = self._scan().filter(pl.col("number").is_between(first, last))
@@ -172,7 +179,7 @@ class Store:
         return rows.unique("number", keep="first").sort("number").with_columns(kept.alias("log"))
 
     def _scan(self) -> pl.LazyFrame:
-        paths = [path for each in self._sizes.values() for path in each]
+        paths = sorted((path for each in self._sizes.values() for path in each), key=_order_of)
         return pl.scan_parquet(paths) if paths else pl.LazyFrame(schema=self._schema)
 
     def _join(self, size: int) -> None:
@@ -184,8 +191,11 @@ class Store:
 
     def _write(self, size: int, rows: pl.DataFrame) -> None:
         part = self._parts / f"{size}-{self._next:08d}.parquet"
+        content = BytesIO()
+        rows.write_parquet(content)
         with _writing(part) as aside:
-            rows.write_parquet(aside)
+            # Of what goes wrong here Python says more than polars.
+            aside.write_bytes(content.getbuffer())
         self._next += 1
         self._sizes.setdefault(size, []).append(part)
 
@@ -214,8 +224,10 @@ def check(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> Non
     """
     if resume:
         _check_same(folder, study, purpose)
-    elif os.path.lexists(folder):
+    elif _is_campaign(folder):
         raise BadInput(f"{folder} already exists; go on with it by --resume, or give another --out")
+    elif os.path.lexists(folder):
+        raise BadInput(f"{folder} already exists, and is no campaign; give another --out, or remove it")
 
 
 @contextmanager
@@ -227,31 +239,47 @@ def opened(folder: Path, study: Study, purpose: str = "", *, resume: bool) -> It
     """
     check(folder, study, purpose, resume=resume)
     if not resume:
-        try:
-            (folder / "parts").mkdir(parents=True)
-        except OSError as error:
-            raise BadInput(f"cannot create {folder}: {error.strerror}") from error
-        write_text(folder / "code.txt", code_version() + "\n")
-        if purpose:
-            write_text(folder / PURPOSE, purpose + "\n")
-    # The number of runs may be another one now.
-    write_text(folder / "study.toml", study.text)
-    (folder / "logs").mkdir(exist_ok=True)
+        _create(folder, study, purpose)
     with (folder / ".lock").open("w") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise BadInput(f"{folder} is in use by another platoon campaign; wait for it, or end it") from None
-        for path in (*folder.glob("parts/.*.parquet"), *folder.glob("logs/.*"), *folder.glob(".runs.*")):
+        for path in (*folder.glob("parts/.*"), *folder.glob("logs/.*"), *folder.glob(".*.part.*")):
             # Left half written by a campaign that was killed.
             path.unlink()
-        yield Store(folder, study)
+        # The number of runs may be another one now.
+        with _writing(folder / "study.toml") as aside:
+            aside.write_text(study.text, encoding="utf-8")
+        store = Store(folder, study)
+        store.drop_unknown_logs()
+        yield store
+
+
+def _create(folder: Path, study: Study, purpose: str) -> None:
+    try:
+        folder.mkdir(parents=True)
+        for name in ("parts", "logs"):
+            (folder / name).mkdir()
+        write_text(folder / "code.txt", _code_and_files(study))
+        if purpose:
+            write_text(folder / PURPOSE, purpose + "\n")
+        # The last: what it is missing from is no campaign.
+        write_text(folder / "study.toml", study.text)
+    except FileExistsError as error:
+        raise BadInput(f"{folder} already exists; give another --out") from error
+    except OSError as error:
+        raise BadInput(f"cannot create {folder}: {error.strerror}; give another --out") from error
+
+
+def _is_campaign(folder: Path) -> bool:
+    return (folder / "study.toml").is_file() and (folder / "code.txt").is_file()
 
 
 def _check_same(folder: Path, study: Study, purpose: str) -> None:
-    if not (folder / "study.toml").is_file() or not (folder / "code.txt").is_file():
+    if not _is_campaign(folder):
         raise BadInput(f"--resume: {folder} is no campaign; start it without --resume, or give its folder by --out")
-    code = (folder / "code.txt").read_text(encoding="utf-8").strip()
+    code, _, files = (folder / "code.txt").read_text(encoding="utf-8", errors="replace").partition("\n")
     if code != code_version():
         raise BadInput(
             f"--resume: the runs in {folder} were made by other code ({code}) than this ({code_version()}), so theirs"
@@ -264,11 +292,31 @@ def _check_same(folder: Path, study: Study, purpose: str) -> None:
             f"--resume: the runs in {folder} were chosen by {has or sampled}, not by {purpose or sampled}; allowed: the"
             " same; give another --out"
         )
-    if not study.continues((folder / "study.toml").read_text(encoding="utf-8")):
+    if not study.continues((folder / "study.toml").read_text(encoding="utf-8", errors="replace")):
         raise BadInput(
             f"--resume: {folder} holds another study than {study.name} is now; allowed: the same study, of which only"
-            f" runs, time_limit_s and description may differ; resume {folder / 'study.toml'}, or give another --out"
+            f" name, description, time_limit_s and, unless sampling prevents it, runs may differ; resume"
+            f" {folder / 'study.toml'}, or give another --out"
         )
+    _check_files(folder, study, files.splitlines())
+
+
+def _check_files(folder: Path, study: Study, before: Sequence[str]) -> None:
+    """Refuse a base scenario or ECU that has been edited since."""
+    now = _code_and_files(study).splitlines()[1:]
+    changed = sorted(line.partition("  ")[2] for line in set(now) ^ set(before))
+    if changed:
+        raise BadInput(
+            f"--resume: {changed[0]} has changed since the runs in {folder} were made, so theirs and new ones would not"
+            " belong together; restore it, or start a new campaign with another --out"
+        )
+
+
+def _code_and_files(study: Study) -> str:
+    """Return the hash of the code, and a line for each of the user's files with its hash and place."""
+    files = sorted(study.files().items())
+    lines = [f"{hashlib.sha256(content).hexdigest()}  {place}" for place, content in files]
+    return "\n".join([code_version(), *lines, ""])
 
 
 @contextmanager
@@ -291,7 +339,11 @@ def _identity(study: Study) -> str:
 
 
 def _size_of(part: Path) -> int:
-    return int(part.stem.split("-")[0])
+    return int(part.stem.partition("-")[0])
+
+
+def _order_of(part: Path) -> int:
+    return int(part.stem.partition("-")[2])
 
 
 def _as(column: Any, value: Any) -> Any:

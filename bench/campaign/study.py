@@ -251,9 +251,11 @@ class Study:
         What does not decide on a run may differ, and the number of runs if the first ones do not depend on it.
         """
         free = {"name", "description", "time_limit_s"} | ({"runs"} if self.sampling in EXTENSIBLE else set())
-        one, other = (
-            {key: value for key, value in tomllib.loads(each).items() if key not in free} for each in (self.text, text)
-        )
+        try:
+            documents = [tomllib.loads(each) for each in (self.text, text)]
+        except tomllib.TOMLDecodeError:
+            return False
+        one, other = ({key: value for key, value in each.items() if key not in free} for each in documents)
         return one == other
 
     def scenario(self, number: int, values: dict[str, Value]) -> Scenario:

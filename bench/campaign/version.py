@@ -17,6 +17,7 @@ PACKAGES = ("platoon", "numpy", "scipy", "clarabel", "cython", "mcap", "pydantic
 
 _ROOT = Path(__file__).resolve().parents[2]
 _SUFFIXES = {".py", ".pxd", ".toml", ".dbc", ".c", ".h"}
+_OF_A_RUN = ("bench/campaign/one_run.py", "bench/campaign/requirements.py", "bench/campaign/study.py")
 _NOT_OF_A_RUN = ("bench/benchmarks", "bench/cli", "bench/live", "bench/analysis/page", "bench/campaign", "bench/dbc")
 
 
@@ -27,7 +28,7 @@ def code_version() -> str:
     for top in ("bench", "platoon_fmu"):
         for path in sorted((_ROOT / top).rglob("*")):
             name = path.relative_to(_ROOT).as_posix()
-            if path.suffix in _SUFFIXES and not name.startswith(_NOT_OF_A_RUN):
+            if path.suffix in _SUFFIXES and (name in _OF_A_RUN or not name.startswith(_NOT_OF_A_RUN)):
                 digest.update(name.encode() + b"\0" + path.read_bytes())
     for path in sorted(DBC_DIR.glob("*.dbc")):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())

@@ -8,16 +8,15 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from queue import Empty, LifoQueue
 from typing import Any, cast
 
 from distributed import Worker, WorkerPlugin, get_worker
 
-from bench.campaign.jobs import CRASHED, MOST_TRIES, OK, REFUSED, TIMEOUT, Job, Made, Setup
+from bench.campaign.jobs import CRASHED, MOST_TRIES, OK, REFUSED, SHORT, TIMEOUT, Job, Made, Setup
 from bench.campaign.keeping import is_wanted
-from bench.campaign.run_process import Crashed, RunProcess, TooLong
+from bench.campaign.run_process import Crashed, NotStarted, RunProcesses, TooLong
 from bench.campaign.version import difference, versions
-from bench.errors import BadInput, shortage
+from bench.errors import BadInput, RunFailed, shortage
 
 
 class Runner(WorkerPlugin):
@@ -28,40 +27,61 @@ class Runner(WorkerPlugin):
         self._setup = setup
         self.name = setup.name
         self._worker: Worker | None = None
+        self._processes: RunProcesses | None = None
+        self._problem = "is not prepared"
 
     def setup(self, worker: Worker) -> None:
         """Check this worker, and prepare its folder.
 
         Raises:
             BadInput: it has other code or packages than the client.
+            OSError: its folder cannot be written.
         """
-        check_versions(self._setup.versions, worker.address)
+        try:
+            check_versions(self._setup.versions, worker.address)
+            self._prepare(worker)
+        except (BadInput, OSError) as error:
+            # Dask goes on with a worker that has joined later, whatever its setup says.
+            self._problem = str(error) if isinstance(error, BadInput) else f"the worker {worker.address}: {error}"
+            raise
+
+    def _prepare(self, worker: Worker) -> None:
         self._worker = worker
-        self._idle: LifoQueue[RunProcess] = LifoQueue()
-        self._place = tempfile.TemporaryDirectory(prefix="platoon-", dir=worker.local_directory)
+        # A worker that is ended in the middle of a run has it killed, and what it writes vanishes under it.
+        self._place = tempfile.TemporaryDirectory(
+            prefix="platoon-", dir=worker.local_directory, ignore_cleanup_errors=True
+        )
         self._folder = Path(self._place.name)
         places = {place: self._place_of(place, content) for place, content in self._setup.files.items()}
         study = self._setup.study.with_files(places)
         (self._folder / "study.pickle").write_bytes(pickle.dumps(study))
         (self._folder / "Vehicle.fmu").write_bytes(self._setup.fmu)
+        self._processes = RunProcesses(self._folder / "study.pickle", self._folder / "Vehicle.fmu")
 
     def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - Dask's interface
-        """End the processes."""
-        with suppress(Empty):
-            while True:
-                self._idle.get_nowait().close()
-        self._place.cleanup()
+        """End the processes, also those that are making a run: nobody waits for it any more."""
+        if self._processes is not None:
+            self._processes.end()
+            self._place.cleanup()
 
     def made(self, job: Job) -> Made:
-        """Make a run, a second time if it did not reach its end."""
+        """Make a run, a second time if it did not reach its end.
+
+        Raises:
+            RunFailed: this worker cannot make runs.
+            Ended: the campaign has ended meanwhile.
+        """
+        if self._worker is None or self._processes is None:
+            raise RunFailed(self._problem)
         log = self._folder / f"run-{job.number}.mcap"
         try:
-            tries, answer = 1, self._answer(job, log)
+            tries, answer = 1, self._answer(self._processes, job, log)
             while answer["status"] not in (OK, REFUSED) and tries < MOST_TRIES:
                 log.unlink(missing_ok=True)
-                tries, answer = tries + 1, self._answer(job, log)
-            address = "" if self._worker is None else self._worker.address
-            made = Made(number=job.number, tries=tries, worker=address, **answer)
+                tries, answer = tries + 1, self._answer(self._processes, job, log)
+            if answer["status"] == SHORT:
+                raise RunFailed(f"the worker {self._worker.address}: {answer['words']}")
+            made = Made(number=job.number, tries=tries, worker=self._worker.address, **answer)
             wanted = job.keep or is_wanted(made, self._setup.study.requirements, job.worst)
             if wanted and made.status != REFUSED:
                 made = replace(made, log=log.read_bytes() if log.is_file() else None)
@@ -74,27 +94,24 @@ class Runner(WorkerPlugin):
         with suppress(OSError):
             if Path(place).read_bytes() == content:
                 return place
-        copy = self._folder / Path(place).name
+        # Two files may have the same name.
+        copy = Path(tempfile.mkdtemp(dir=self._folder), Path(place).name)
         copy.write_bytes(content)
         return str(copy)
 
-    def _answer(self, job: Job, log: Path) -> dict[str, Any]:
+    def _answer(self, processes: RunProcesses, job: Job, log: Path) -> dict[str, Any]:
+        limit_s = self._setup.study.time_limit_s
         try:
-            process = self._process()
-            answer = process.ask(job.number, dict(job.values), log, self._setup.study.time_limit_s)
+            with processes.one() as process:
+                return process.ask(job.number, dict(job.values), log, limit_s)
+        except NotStarted as error:
+            return {"status": SHORT, "words": f"cannot start a process that makes runs: {error}"}
         except Crashed as error:
             return {"status": CRASHED, "words": str(error)}
         except TooLong as error:
-            return {"status": TIMEOUT, "words": str(error), "wall_s": self._setup.study.time_limit_s}
+            return {"status": TIMEOUT, "words": str(error), "wall_s": limit_s}
         except OSError as error:
-            return {"status": CRASHED, "words": shortage(error) or str(error)}
-        self._idle.put(process)
-        return answer
-
-    def _process(self) -> RunProcess:
-        with suppress(Empty):
-            return self._idle.get_nowait()
-        return RunProcess(self._folder / "study.pickle", self._folder / "Vehicle.fmu")
+            return {"status": SHORT, "words": f"cannot start a process that makes runs: {shortage(error) or error}"}
 
 
 def make(name: str, job: Job) -> Made:
