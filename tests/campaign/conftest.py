@@ -8,6 +8,7 @@ from bench.bus.link.address import Address
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.scenario import load
+from tests.campaign.commands import commands
 
 STUDY = """name = "made-up"
 base = "formation"
@@ -81,3 +82,10 @@ def real_log(once):
 def campaign_of(tmp_path):
     """`campaign_of(rows)`: the folder of a campaign with these rows."""
     return lambda rows, **options: write_campaign(tmp_path / "campaign", rows, **options)
+
+
+@pytest.fixture
+def begin(tmp_path):
+    """`begin(words)` starts a command in the test's folder."""
+    with commands(tmp_path) as start:
+        yield start

@@ -8,20 +8,17 @@ import os
 import subprocess
 import sys
 import tomllib
-import warnings
 import zipfile
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from bench.cli.main import main
 from bench.faults.kinds import kinds
 from bench.record import Run
 from bench.scenario import load, shipped
+from tests.cli.conftest import TERMINAL
 
 ROOT = Path(__file__).parents[2]
-TERMINAL = {"COLUMNS": "200", "NO_COLOR": "1"}
 SHORT = ["--can", "direct", "--set", "duration_s=0.2"]
 
 
@@ -30,31 +27,6 @@ def platoon(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     environment = {**os.environ, **TERMINAL, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "bench.cli", *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=environment, timeout=300)
-
-
-@pytest.fixture
-def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
-    """Call the command in this process.
-
-    It must end with exit code 2, one message and nothing written; returns the message.
-    """
-    for name, value in {**TERMINAL, "OPENBLAS_NUM_THREADS": "1"}.items():
-        monkeypatch.setenv(name, value)
-    # The command sets it for its own process.
-    monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
-
-    def call(*arguments: str, cwd: Path) -> str:
-        monkeypatch.chdir(cwd)
-        monkeypatch.setattr(sys, "argv", ["platoon", *arguments])
-        before = sorted(cwd.rglob("*"))
-        with pytest.raises(SystemExit) as ended:
-            main()
-        shown = capsys.readouterr()
-        assert ended.value.code == 2, shown.out + shown.err
-        assert sorted(cwd.rglob("*")) == before
-        return shown.err
-
-    return call
 
 
 @pytest.fixture(scope="module")
