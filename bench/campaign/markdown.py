@@ -97,6 +97,8 @@ def text(results: Results, told: Summary, figure: str) -> str:
     parts = [f"# {results.name}", f"{told.headline}.", *(each["text"] for each in told.verdicts)]
     parts.append(_table(["Requirement", "Failed", "Of", "Share", "95 % bounds"], told.shares))
     parts += told.notes
+    if told.choices:
+        parts.append(_table(["Input", "Value", "Failed", "Of", "Share", "95 % bounds"], told.choices))
     worst = [
         [f"`{group.requirement}`", group.runs[0].value, ", ".join(str(run.number) for run in group.runs)]
         for group in told.worst

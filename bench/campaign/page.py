@@ -69,6 +69,7 @@ def data_of(results: Results, beside: Path) -> PageData:
         "events": [],
         "description": told.headline,
         "verdicts": told.verdicts,
+        "choices": told.choices,
         "shares": [row[:5] for row in told.shares],
         "notes": told.notes,
         "worst": list(_worst(told, beside)),

@@ -26,6 +26,8 @@ ALL_MET = "completed and all requirements met"
 WORST = 5
 PURPOSE = "purpose.txt"
 """File with what chose the values of the runs, if that was not the study's sampling."""
+MOST_CHOICES = 50
+"""An input with more texts than this is no choice to tell runs apart by."""
 MOST_TRIES = 5
 """Times that the parts of a campaign are listed and read."""
 
@@ -96,6 +98,21 @@ class Results:
     def shares(self) -> dict[str, Share]:
         """Return the share of runs that failed for each of the `verdicts`."""
         return {name: share_of(failed, random=self.at_random) for name, failed in self.verdicts.items()}
+
+    def shares_by_choice(self) -> dict[str, dict[str, Share]]:
+        """Return the share of runs that failed by each value of the inputs that are texts, the largest share first."""
+        failed = self.verdicts[ALL_MET].alias("failed")
+        found = {}
+        for name in self.inputs:
+            values = self.runs[INPUT + name]
+            if values.dtype != pl.String or not 2 <= values.n_unique() <= MOST_CHOICES:
+                continue
+            groups = (
+                pl.DataFrame([values.alias("value"), failed]).drop_nulls("value").group_by("value", maintain_order=True)
+            )
+            shares = {str(value): share_of(rows["failed"], random=self.at_random) for (value,), rows in groups}
+            found[name] = dict(sorted(shares.items(), key=lambda item: (-item[1].failed / item[1].known, item[0])))
+        return found
 
     def statuses(self) -> dict[str, int]:
         """Return the number of rows by status, the ended ones first."""

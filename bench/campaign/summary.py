@@ -62,6 +62,7 @@ class Summary:
         headline: how many runs of what.
         verdicts: sentences about the whole, as `text` and whether it is `good`.
         shares: for each requirement its name, the runs that failed, of how many, in percent, bounds in percent.
+        choices: for each value of an input that is a text its name, the value, and as in `shares` how many failed.
         notes: what is to be known about the shares.
         worst: the worst runs by requirement.
         quantiles: for each metric its name, least, 5 %, median, 95 %, largest and the number of runs with it.
@@ -71,6 +72,7 @@ class Summary:
     headline: str
     verdicts: list[dict[str, Any]]
     shares: list[list[str]]
+    choices: list[list[str]]
     notes: list[str]
     worst: list[Worst]
     quantiles: list[list[str]]
@@ -83,12 +85,21 @@ def summary(results: Results) -> Summary:
     return Summary(
         _headline(results),
         [_verdict(shares[ALL_MET])],
-        [[name, str(share.failed), str(share.known), share.text, share.bounds] for name, share in shares.items()],
+        [[name, *_cells(share)] for name, share in shares.items()],
+        [
+            [name, value, *_cells(share)]
+            for name, by_value in results.shares_by_choice().items()
+            for value, share in by_value.items()
+        ],
         _notes(results, shares),
         [found for text in results.requirements if (found := _worst(results, text)) is not None],
         list(_quantiles(results)),
         _troubles(results),
     )
+
+
+def _cells(share: Share) -> list[str]:
+    return [str(share.failed), str(share.known), share.text, share.bounds]
 
 
 def _headline(results: Results) -> str:

@@ -29,6 +29,7 @@ def show(directory: Path, *, metrics: bool = False) -> None:
     for verdict in told.verdicts:
         console.print(verdict["text"])
     _print(console, ("requirement", "failed", "of", "share", "95 % bounds"), told.shares)
+    _print(console, ("input", "value", "failed", "of", "share", "95 % bounds"), told.choices)
     for note in told.notes:
         console.print(note)
     worst = [

@@ -117,3 +117,14 @@ def test_a_folder_without_a_campaign_is_refused(tmp_path):
 def test_a_campaign_without_results_is_refused(campaign_of):
     with pytest.raises(BadInput, match="no results yet"):
         read(campaign_of(made_up_rows(0)))
+
+
+def test_failures_are_counted_by_each_value_of_an_input_that_is_a_text(campaign_of):
+    rows = made_up_rows(200)
+    shares = read(campaign_of(rows)).shares_by_choice()
+    assert set(shares) == {"road.profile"}
+    met = pl.col(f"req.{ABOVE}") & pl.col(f"req.{BELOW}")
+    for value, share in shares["road.profile"].items():
+        of_it = rows.filter(pl.col("in.road.profile") == value)
+        assert (share.failed, share.known) == (of_it.filter(~met).height, of_it.height)
+    assert sum(share.known for share in shares["road.profile"].values()) == 200

@@ -89,3 +89,9 @@ def test_nothing_is_told_of_too_few_runs_a_constant_metric_or_no_input():
     assert influences(inputs, pl.Series("y", np.zeros(LEAST_RUNS))) is None
     assert influences(pl.DataFrame({"kind": ["a"] * LEAST_RUNS}), y) is None
     assert influences(inputs, pl.Series("y", [None] * LEAST_RUNS, dtype=pl.Float64)) is None
+
+
+def test_the_dummy_input_is_none_of_the_studys_even_if_the_seeds_are_the_same():
+    x = np.random.default_rng(1).random(400)
+    found = influences(pl.DataFrame({"x": x}), pl.Series("metric", x), seed=1)
+    assert found.inputs[0].index > 2.0 * found.chance

@@ -16,6 +16,14 @@ function fillTitle() {
   }
 }
 
+function fillChoices() {
+  const parent = byId("choices");
+  parent.hidden = !data.choices.length;
+  element(parent, "h3", {}, "Share of runs that failed, by choice");
+  const rows = data.choices.map(([name, value, ...cells]) => [`${name} = ${value}`, ...cells]);
+  numbersTable(parent, ["Input and value", "Failed", "Of", "Share", "95 % bounds"], rows);
+}
+
 function fillRequirements() {
   const parent = byId("requirements");
   element(parent, "h3", {}, "Share of failures");
@@ -158,6 +166,7 @@ addEventListener("resize", () => {
 
 fillTitle();
 fillRequirements();
+fillChoices();
 fillWorst();
 fillTroubles();
 makePlots(byId("figures"));
