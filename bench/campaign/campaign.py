@@ -16,8 +16,8 @@ from bench.campaign.cluster import Place, connected
 from bench.campaign.distributions import Value
 from bench.campaign.evaluating import Outcome
 from bench.campaign.jobs import CRASHED, OK, REFUSED, Job, Made, Setup
-from bench.campaign.keeping import WORST, Keeping, failed
-from bench.campaign.results import METRIC
+from bench.campaign.keeping import Keeping, failed
+from bench.campaign.results import METRIC, WORST
 from bench.campaign.sampling import Sample
 from bench.campaign.store import Store, check, log_name, opened
 from bench.campaign.study import Study

@@ -13,8 +13,6 @@ from collections.abc import Collection, Mapping, Sequence
 from bench.campaign.jobs import OK, Made
 from bench.campaign.requirements import Requirement
 
-WORST = 3
-"""How many of the worst runs by each requirement keep their log, unless told otherwise."""
 MOST_FAILURES = 500
 """How many failures keep their log: a log is some megabytes, and more of them nobody looks at."""
 

@@ -24,6 +24,7 @@ AT_RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
 COMPLETED = "run completed"
 ALL_MET = "completed and all requirements met"
 WORST = 5
+"""How many of the worst runs by each requirement are shown, and keep their log unless told otherwise."""
 PURPOSE = "purpose.txt"
 """File with what chose the values of the runs, if that was not the study's sampling."""
 MOST_CHOICES = 50

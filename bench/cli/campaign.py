@@ -81,9 +81,14 @@ def run(
         typer.Option(metavar="NUMBERS|all", help="Runs whose logs are kept in any case: --keep 0,17,40-49"),
     ] = None,
     worst: Annotated[
-        int,
-        typer.Option(metavar="K", min=0, max=1000, help="How many of the worst runs by each requirement keep a log."),
-    ] = 3,
+        int | None,
+        typer.Option(
+            metavar="K",
+            min=0,
+            max=1000,
+            help="How many of the worst runs by each requirement keep a log, 5 if not given.",
+        ),
+    ] = None,
     search: Annotated[
         str | None,
         typer.Option(
@@ -133,13 +138,14 @@ def run(
     use_machine_code()
     from bench.campaign.campaign import Options
     from bench.campaign.cluster import Place
+    from bench.campaign.results import WORST
 
     options = Options(
         folder,
         vehicle_fmu(),
         Place(workers, cluster, scheduler_file, dashboard),
         resume=resume,
-        worst=worst,
+        worst=WORST if worst is None else worst,
         asked=_numbers(keep),
         connected=_say_dashboard if dashboard else lambda _: None,
     )
