@@ -287,7 +287,7 @@ def begun(study: Study, options: Options, total: int | None) -> Iterator[Campaig
         stack.enter_context(_plugin(client, setup))
         options.connected(client)
         store = stack.enter_context(opened(options.folder, study, options.purpose, resume=options.resume))
-        keeping = Keeping(study.requirements, options.worst, options.asked)
+        keeping = Keeping(study.requirements, options.worst, store.asked(options.asked))
         yield Campaign(store, client, name, keeping, total, interrupts, follow=options.follow)
         store.finish()
 

@@ -3,6 +3,7 @@
     study.toml       the study, complete in itself but for a base scenario's file
     code.txt         hash of the code that made the runs, and of the user's files that they depend on
     purpose.txt      what chose the values of the runs, if that was not the study's sampling
+    keep.txt         numbers of the runs whose logs were asked for, or "all"; not there if none were
     parts/*.parquet  the rows of runs, in the order in which they ended; renamed into place, so whole or not there
     logs/            of the runs kept: run-000017.mcap, the scenario beside it as .toml, and later a report as .html
     runs.parquet     all rows in the order of their numbers, once the campaign is done
@@ -17,7 +18,7 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -149,6 +150,20 @@ class Store:
             log = self.folder / log_name(number)
             for path in (log, log.with_suffix(".toml"), log.with_suffix(".html")):
                 path.unlink(missing_ok=True)
+
+    def asked(self, now: Collection[int] | None) -> Collection[int] | None:
+        """Return which runs' logs have been asked for, now or before the campaign was resumed; None for all.
+
+        Raises:
+            RunFailed: they cannot be written down.
+        """
+        file = self.folder / "keep.txt"
+        before = file.read_text(encoding="utf-8").split() if file.is_file() else []
+        found = None if now is None or "all" in before else {*now, *map(int, before)}
+        if found is None or found:
+            with _writing(file) as aside:
+                aside.write_text(" ".join(["all"] if found is None else map(str, sorted(found))) + "\n")
+        return found
 
     def drop_unknown_logs(self) -> None:
         """Remove logs of runs without a row: a campaign was killed after it had written the log."""

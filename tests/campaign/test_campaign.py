@@ -164,6 +164,14 @@ def test_logs_stay_of_failures_of_the_worst_and_of_those_asked_for(tmp_path, mak
     assert all(row["log"] in (None, f"logs/run-{row['number']:06d}.mcap") for row in rows.iter_rows(named=True))
 
 
+def test_logs_asked_for_stay_when_a_campaign_goes_on_without_asking_again(tmp_path, make):
+    study = load_study(write_study(tmp_path, [1, 2, 3, 4]))
+    make(study, worst=0, asked={1, 3})
+    assert logs(tmp_path / "out") == {1, 3}
+    make(study, worst=0, resume=True)
+    assert logs(tmp_path / "out") == {1, 3}
+
+
 def test_a_longer_campaign_goes_on_with_the_shorter_one(tmp_path, make):
     def study(runs):
         keys = [{"key": "seed", "distribution": {"kind": "integers", "low": 1, "high": 900}}]

@@ -120,6 +120,18 @@ def test_the_table_opens_in_polars_pandas_and_arrow(study, folder):
     assert "req.frames_lost == 0" in pyarrow.parquet.read_schema(table).names
 
 
+def test_logs_that_were_asked_for_are_remembered(study, folder):
+    with opened(folder, study, resume=False) as store:
+        assert store.asked(()) == set()
+        assert not (folder / "keep.txt").exists()
+        assert store.asked({7, 3}) == {3, 7}
+    with opened(folder, study, resume=True) as store:
+        assert store.asked({1}) == {1, 3, 7}
+        assert store.asked(None) is None
+    with opened(folder, study, resume=True) as store:
+        assert store.asked({1}) is None
+
+
 def test_a_folder_in_use_is_refused_and_left_as_it_is(study, folder):
     with opened(folder, study, resume=False):
         before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
