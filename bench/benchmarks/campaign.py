@@ -26,7 +26,7 @@ from bench.campaign.cluster import Place
 from bench.campaign.jobs import Job, Made
 from bench.campaign.requirements import METRIC_NAMES, metric_type
 from bench.campaign.run_process import RunProcess
-from bench.campaign.sampling import Sample, samples
+from bench.campaign.sampling import Sample, each_sample, samples
 from bench.campaign.study import Study, load_study
 from platoon_fmu.build import default_fmu
 from platoon_fmu.interpreter import python
@@ -59,7 +59,8 @@ def _rates(runs: int, rounds: int) -> Sheet:
     cores = os.cpu_count() or 1
     study = load_study(STUDY, runs * cores * (rounds + 1))
     fmu = default_fmu()
-    sampled = iter(samples(study))
+    first = samples(study)
+    sampled = iter(first)
     with tempfile.TemporaryDirectory(prefix="platoon-bench-") as place:
         folder = Path(place)
         (folder / "study").write_bytes(pickle.dumps(study))
@@ -68,15 +69,15 @@ def _rates(runs: int, rounds: int) -> Sheet:
         with begun(study, options, study.runs) as campaign:
             # A run before anything is measured, so that all are warm.
             for process in processes:
-                _in_process(process, samples(study)[:1], folder)
+                _in_process(process, first[:1], folder)
 
             def one() -> float:
-                return _in_process(processes[0], samples(study)[:runs], folder)
+                return _in_process(processes[0], first[:runs], folder)
 
             def each() -> float:
                 with ThreadPoolExecutor(cores) as pool:
                     began = time.perf_counter()
-                    list(pool.map(lambda process: _in_process(process, samples(study)[:runs], folder), processes))
+                    list(pool.map(lambda process: _in_process(process, first[:runs], folder), processes))
                     return (time.perf_counter() - began) / (runs * cores)
 
             def whole() -> float:
@@ -146,7 +147,7 @@ def main() -> None:
     with begun(study, Options(folder, default_fmu(), Place(2)), rows) as campaign:
         campaign.task = simulated
         began = time.perf_counter()
-        campaign.run(samples(study))
+        campaign.run(each_sample(study))
         seconds = time.perf_counter() - began
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     sys.stdout.write(json.dumps({"seconds": seconds, "peak_mb": peak_mb}))

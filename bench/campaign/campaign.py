@@ -115,7 +115,8 @@ class Campaign:
         self.task: Callable[[str, Job], Made] = make
         self._follow = follow
         self.count = Count(total)
-        self._made: dict[str, int] = {}
+        # The keys of the rows there are, and of what is being made; keys of rows by the number of their run.
+        self._keys: set[str] = set()
         self._numbers: dict[int, str] = {}
         self._outcomes: dict[str, Outcome] | None = None
         self._recall()
@@ -191,7 +192,7 @@ class Campaign:
         self._store.add(rows)
         self._store.drop(surplus)
         for made, _, key in landed:
-            self._made[key], self._numbers[made.number] = made.number, key
+            self._numbers[made.number] = key
             self.count.made += 1
             self._count_failure(made)
         self._follow(self.count)
@@ -202,15 +203,14 @@ class Campaign:
 
     def _missing(self, samples: Iterable[Sample], copies: list[tuple[Sample, str]]) -> Iterator[tuple[Sample, str]]:
         """Yield samples without a row; those with the key of another run go to `copies`."""
-        sent: set[str] = set()
         for sample in samples:
             key = self._store.key(sample.number, sample.values)
             if self._numbers.get(sample.number) == key:
                 continue
-            if key in self._made or key in sent:
+            if key in self._keys:
                 copies.append((sample, key))
             else:
-                sent.add(key)
+                self._keys.add(key)
                 yield sample, key
 
     def _copy(self, copies: list[tuple[Sample, str]]) -> None:
@@ -228,7 +228,8 @@ class Campaign:
     def _recall(self) -> None:
         """Take note of the rows there are, and of the logs kept."""
         for row in self._store.done().iter_rows(named=True):
-            self._made[row["key"]], self._numbers[row["number"]] = row["number"], row["key"]
+            self._keys.add(row["key"])
+            self._numbers[row["number"]] = row["key"]
             made = _as_made(row)
             self.count.before += 1
             self._count_failure(made)

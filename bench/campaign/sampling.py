@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-import warnings
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,12 @@ class Sample:
 
 
 def samples(study: Study) -> list[Sample]:
-    """Return the sample of every run, always the same for the same study.
+    """Return the sample of every run, see `each_sample`."""
+    return list(each_sample(study))
+
+
+def each_sample(study: Study) -> Iterator[Sample]:
+    """Yield the sample of every run, always the same for the same study.
 
     With "monte-carlo" and "sobol" the values of a run do not depend on the number of runs: a longer campaign begins
     with the shorter one. With "latin-hypercube" they do, since its strata are as many as the runs; a grid and corners
@@ -42,13 +48,14 @@ def samples(study: Study) -> list[Sample]:
             each.distribution.grid(each.points) if study.sampling == "grid" else each.distribution.extremes()
             for each in study.inputs
         ]
-        rows = list(itertools.product(*points))
+        rows: Iterable[tuple[Value, ...]] = itertools.product(*points)
     elif study.keys:
-        rows = list(zip(*columns_at(study, _shares(study)), strict=True))
+        rows = zip(*columns_at(study, _shares(study)), strict=True)
     else:
         rows = [()] * study.runs
     keys = study.keys
-    return [Sample(number, dict(zip(keys, row, strict=True))) for number, row in enumerate(rows)]
+    for number, row in enumerate(rows):
+        yield Sample(number, dict(zip(keys, row, strict=True)))
 
 
 def scenario_of(study: Study, sample: Sample) -> Scenario:
@@ -71,7 +78,5 @@ def _shares(study: Study) -> Array:
 
     if study.sampling == "latin-hypercube":
         return np.asarray(qmc.LatinHypercube(count, rng=study.seed).random(runs))
-    with warnings.catch_warnings():
-        # That a power of two is better balanced is said in the example of a study.
-        warnings.filterwarnings("ignore", "The balance properties", UserWarning)
-        return np.asarray(qmc.Sobol(count, rng=study.seed).random(runs))
+    # A power of two of them, of which it does not say what the example of a study says anyway.
+    return np.asarray(qmc.Sobol(count, rng=study.seed).random_base2(math.ceil(math.log2(runs))))[:runs]

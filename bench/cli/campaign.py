@@ -165,14 +165,14 @@ def run(
 def _sample(study: Study, options: Options) -> None:
     """Make the runs of a study's sampling, and show what they say."""
     from bench.campaign.campaign import begun
-    from bench.campaign.sampling import samples
+    from bench.campaign.sampling import each_sample
     from bench.cli.campaign_summary import show as show_summary
 
     with (
         _following(study) as follow,
         begun(study, dataclasses.replace(options, follow=follow), study.runs) as campaign,
     ):
-        campaign.run(samples(study))
+        campaign.run(each_sample(study))
     show_summary(options.folder)
     _say_where(options.folder)
 
