@@ -126,12 +126,21 @@ def subset_simulation(
         BadInput: the requirement has no margin, the study has nothing to vary, or there are too few samples.
         RunFailed: hardly any values have a margin; while it runs.
     """
+    check(requirement, samples)
+    limit = _Limit(UnitCube(study), requirement, Remembered(evaluate))
+    return _Simulation(limit, np.random.default_rng(study.seed), samples).all_levels(most_levels)
+
+
+def check(requirement: Requirement, samples: int) -> None:
+    """Check what a simulation is to estimate, and with how many samples of a level.
+
+    Raises:
+        BadInput: the requirement has no margin, or there are too few samples.
+    """
     if requirement.comparison in EQUALITIES:
         raise BadInput(f'Subset simulation needs a margin, and "{requirement.text}" has none; allowed: >, >=, <, <=')
     if samples < LEAST_SAMPLES:
         raise BadInput(f"{samples} samples of a level are not enough; allowed: at least {LEAST_SAMPLES}")
-    limit = _Limit(UnitCube(study), requirement, Remembered(evaluate))
-    return _Simulation(limit, np.random.default_rng(study.seed), samples).all_levels(most_levels)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from typing import Any, cast
 from bench.campaign.campaign import Campaign, Options, begun
 from bench.campaign.counterexample import Counterexample, made_small, write_scenario
 from bench.campaign.evaluating import fails, requirement_on
-from bench.campaign.rare import Estimate, subset_simulation
+from bench.campaign.rare import Estimate, check, subset_simulation
 from bench.campaign.requirements import Requirement
 from bench.campaign.search import Worst, search
 from bench.campaign.statistics import percent
@@ -113,6 +113,7 @@ def rare_failures(study: Study, metric: str, options: Options, samples: int, say
     """
     requirement = requirement_on(study, metric)
     UnitCube(study)
+    check(requirement, samples)
     purpose = f"subset simulation of missing {requirement.text}, {samples} samples a level"
     with begun(study, _for(options, purpose), None) as campaign:
         estimate = _simulated(study, requirement, campaign, samples, say)

@@ -117,8 +117,8 @@ def run(
       platoon campaign mine.toml --search least_clearance_m --runs 300
       platoon campaign robustness --cluster tcp://10.0.0.1:8786
     """
+    from bench.campaign.study import MOST_RUNS, load_study, shipped_studies
     from bench.campaign.study import example as example_study
-    from bench.campaign.study import load_study, shipped_studies
 
     if example:
         typer.echo(example_study(), nl=False)
@@ -132,6 +132,8 @@ def run(
     if search and rare:
         raise BadInput("--search and --rare: give one of them")
     seeks = bool(search or rare)
+    if seeks and runs is not None and not 1 <= runs <= MOST_RUNS:
+        raise BadInput(f"--runs {runs} is not allowed; allowed: 1 to {MOST_RUNS}")
     loaded = load_study(study, None if seeks else runs)
     what = f"-search-{search}" if search else f"-rare-{rare}" if rare else ""
     folder = out or LOGS / re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{loaded.name}{what}")
