@@ -100,11 +100,19 @@ def text(results: Results, told: Summary, figure: str) -> str:
     if told.choices:
         parts.append(_table(["Input", "Value", "Failed", "Of", "Share", "95 % bounds"], told.choices))
     worst = [
-        [f"`{group.requirement}`", group.runs[0].value, ", ".join(str(run.number) for run in group.runs)]
+        [
+            f"`{group.requirement}`",
+            group.runs[0].value,
+            ", ".join(str(run.number) for run in group.runs),
+            ", ".join(f"{name} {value}" for name, value in group.runs[0].inputs.items()),
+        ]
         for group in told.worst
     ]
     if worst:
-        parts += ["## The worst", _table(["Requirement", "Worst", "Runs, the worst first"], worst)]
+        parts += [
+            "## The worst",
+            _table(["Requirement", "Worst", "Runs, the worst first", "Inputs of the worst"], worst),
+        ]
     if told.troubles:
         parts += ["## What did not end", _table(["Status", "Runs", "First", "What was said"], told.troubles)]
     if figure:

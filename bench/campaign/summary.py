@@ -10,6 +10,7 @@ from typing import Any
 from bench.campaign.results import (
     ALL_MET,
     COMPLETED,
+    INPUT,
     METRIC,
     REFUSED,
     REQUIREMENT,
@@ -35,6 +36,7 @@ class WorstRun:
         wall: wall time as text.
         log: its log, if kept.
         report: the report beside that, if there is one.
+        inputs: the values of its inputs as text, by name.
     """
 
     number: int
@@ -43,6 +45,7 @@ class WorstRun:
     wall: str
     log: Path | None
     report: Path | None
+    inputs: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -152,10 +155,15 @@ def _worst(results: Results, requirement: str) -> Worst | None:
             f"{row['wall_s']:.2f} s" if row["wall_s"] is not None else "–",
             results.log_of(row["log"]),
             results.report_of(row["log"]),
+            {name: _shown(row[INPUT + name]) for name in results.inputs},
         )
         for row in rows.iter_rows(named=True)
     ]
     return Worst(requirement, limit.metric, runs)
+
+
+def _shown(value: float | bool | str | None) -> str:
+    return value if isinstance(value, str) else number(value)
 
 
 def _quantiles(results: Results) -> Iterator[list[str]]:

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +33,8 @@ EXIT_CODES = (
     "Exit codes: 0 all runs are made, however they ended, 1 the campaign could not go on (its rows stay: --resume), "
     "2 bad input."
 )
+PACKAGES = {"distributed": "distributed", "cmaes": "cmaes", "SALib": "salib"}
+"""Modules of the extra `campaign`, with the packages that have them."""
 PLAIN_STEP_S = 10.0
 """Time in s between lines of progress if there is no terminal for a bar."""
 
@@ -134,6 +137,7 @@ def run(
     seeks = bool(search or rare)
     if seeks and runs is not None and not 1 <= runs <= MOST_RUNS:
         raise BadInput(f"--runs {runs} is not allowed; allowed: 1 to {MOST_RUNS}")
+    _require_packages()
     loaded = load_study(study, None if seeks else runs)
     what = f"-search-{search}" if search else f"-rare-{rare}" if rare else ""
     folder = out or LOGS / re.sub(r"[^A-Za-z0-9_.-]+", "-", f"{loaded.name}{what}")
@@ -162,6 +166,17 @@ def run(
         again = shlex.join(["platoon", *sys.argv[1:], *([] if resume else ["--resume"])])
         there = f"\nWhat is made, stays; go on with: {again}" if (folder / "parts").is_dir() else ""
         raise type(error)(f"The campaign was stopped: {error}{there}") from error
+
+
+def _require_packages() -> None:
+    """Check that the packages of the extra `campaign` are there.
+
+    Raises:
+        BadInput: some are missing.
+    """
+    missing = [name for module, name in PACKAGES.items() if find_spec(module) is None]
+    if missing:
+        raise BadInput(f"campaigns need {' and '.join(missing)}; install it with: pip install {' '.join(missing)}")
 
 
 def _sample(study: Study, options: Options) -> None:

@@ -1,5 +1,7 @@
 """`platoon campaign` as a user calls it: what it refuses, and what it says of a campaign it has made."""
 
+import sys
+
 import pytest
 
 from bench.campaign.study import load_study
@@ -66,3 +68,10 @@ def test_a_campaign_shows_what_it_found_and_how_to_go_on(tmp_path, begin):
     assert done.code() == 0, done.said
     assert done.out == command.out
     assert parts(tmp_path / "out").height == 3
+
+
+def test_a_missing_package_is_named_before_anything_starts(tmp_path, refused, monkeypatch):
+    write_study(tmp_path, [1, 2])
+    # As if it were not installed: Python takes a None here for a module that is known not to exist.
+    monkeypatch.setitem(sys.modules, "cmaes", None)
+    assert "campaigns need cmaes; install it with: pip install cmaes" in refused(*MINE, cwd=tmp_path)
