@@ -39,11 +39,12 @@ class Command:
         self._files = ExitStack()
         self._out = self._files.enter_context(tempfile.TemporaryFile("w+"))  # noqa: SIM115 - closed by `end`
         self._said = self._files.enter_context(tempfile.TemporaryFile("w+"))  # noqa: SIM115 - closed by `end`
-        settings = {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(ROOT), MARK: self._mark}
+        # What a command writes is compared; Python's bytecode of an ECU's file is none of it.
+        settings = {"COLUMNS": "200", "NO_COLOR": "1", "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"}
         self.process = subprocess.Popen(
             list(command),
             cwd=cwd,
-            env={**os.environ, **settings, **environment},
+            env={**os.environ, **settings, MARK: self._mark, **environment},
             stdout=self._out,
             stderr=self._said,
             start_new_session=True,

@@ -21,6 +21,8 @@ def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
     """
     for name, value in {**TERMINAL, "OPENBLAS_NUM_THREADS": "1"}.items():
         monkeypatch.setenv(name, value)
+    # Python's bytecode of an ECU's file is nothing that the command writes.
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
     # The command sets it for its own process.
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
 

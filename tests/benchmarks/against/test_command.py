@@ -109,11 +109,17 @@ def builds(tmp_path):
     return folder.parent
 
 
+def _take_interrupts():
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_comparison_leaves_no_process_behind(number, builds):
     arguments = ["HEAD", "--pairs", "1", "--builds", str(builds)]
     called = [sys.executable, "-m", "bench.benchmarks", "against", *arguments]
-    with subprocess.Popen(called, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # A shell starts what runs in the background with SIGINT ignored, and these tests may run there.
+    with subprocess.Popen(called, cwd=ROOT, preexec_fn=_take_interrupts, **streams) as process:
         while "to fill caches" not in process.stderr.readline():
             assert process.poll() is None
         itself = psutil.Process(process.pid)
