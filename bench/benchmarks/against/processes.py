@@ -62,7 +62,7 @@ class Command:
         if self.returncode is not None:
             return
         started = descendants(self.pid)
-        self._process.send_signal(signal.SIGINT)
+        self._signal(signal.SIGINT)
         until = time.monotonic() + GRACE_S
         while self.returncode is None and time.monotonic() < until:
             time.sleep(0.05)
@@ -71,16 +71,26 @@ class Command:
             with suppress(psutil.Error):
                 process.kill()
         if self.returncode is None:
-            self._process.kill()
+            self._signal(signal.SIGKILL)
             self._reap(0)
 
     def wait(self) -> None:
         """Wait until the command has ended."""
         self._reap(0)
 
+    def _signal(self, number: int) -> None:
+        # Not Popen.send_signal, which reaps a process that has ended; until that is done here, its number is its own.
+        with suppress(ProcessLookupError):
+            os.kill(self.pid, number)
+
     def _reap(self, flags: int) -> None:
         # Not Popen.wait, which does not tell the processor time.
-        pid, status, usage = os.wait4(self.pid, flags)
+        try:
+            pid, status, usage = os.wait4(self.pid, flags)
+        except ChildProcessError:
+            # Ctrl-C came just after it had been reaped; nobody asks how it ended.
+            self.returncode = self._process.returncode = -signal.SIGINT
+            return
         if pid:
             self.cpu_s = usage.ru_utime + usage.ru_stime
             self.returncode = self._process.returncode = os.waitstatus_to_exitcode(status)

@@ -127,7 +127,7 @@ def test_an_interrupted_comparison_leaves_no_process_behind(number, builds):
             time.sleep(0.05)
         process.send_signal(number)
         said, problems = process.communicate()
-    assert process.returncode == 130
+    assert process.returncode == 130, problems
     assert not said
     assert not problems
     assert not psutil.wait_procs(started, timeout=30)[1]
