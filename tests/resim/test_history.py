@@ -1,6 +1,7 @@
 """What a log tells of faults that were typed into the running bench."""
 
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +29,17 @@ def test_ecus_meet_the_faults_that_were_typed_in(tmp_path: Path) -> None:
     answers: list[dict[str, Any]] = []
 
     def type_in() -> None:
-        answers.extend(ask("typed-in", fault) for fault in (FAULT, CRASH))
+        for fault in (FAULT, CRASH):
+            answers.append(ask("typed-in", fault))
 
     person = threading.Thread(target=type_in)
 
     def on_progress(_time_s: float) -> None:
         if not person.ident:
             person.start()
+        # The run is quicker than a person, and would end before both are typed in.
+        if len(answers) < 2:
+            time.sleep(0.02)
 
     scenario = load(
         "formation",
