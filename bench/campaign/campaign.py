@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any
 from bench.campaign.cluster import Place, connected
 from bench.campaign.distributions import Value
 from bench.campaign.evaluating import Outcome
-from bench.campaign.jobs import CRASHED, OK, REFUSED, Job, Made, Setup
+from bench.campaign.jobs import Job, Made, Setup
 from bench.campaign.keeping import Keeping, failed
 from bench.campaign.results import METRIC, WORST
 from bench.campaign.sampling import Sample
+from bench.campaign.statuses import CRASHED, OK, REFUSED
 from bench.campaign.store import Store, check, log_name, opened
 from bench.campaign.study import Study
 from bench.campaign.version import versions

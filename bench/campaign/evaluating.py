@@ -10,13 +10,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.campaign.distributions import Value
-from bench.campaign.jobs import REFUSED
 from bench.campaign.requirements import METRIC_NAMES, Metric, Requirement
+from bench.campaign.statuses import REFUSED
 from bench.campaign.study import Study
 from bench.errors import BadInput
 from bench.scenario.errors import closest
-
-EQUALITIES = ("==", "!=")
 
 
 @dataclass(frozen=True)
@@ -26,7 +24,7 @@ class Outcome:
     Attributes:
         number: of the row in the campaign's table.
         metrics: of its run by name; None if the run did not reach its end, or there was none.
-        status: how it ended, `bench.campaign.jobs.REFUSED` if the values make no scenario.
+        status: how it ended, `bench.campaign.statuses.REFUSED` if the values make no scenario.
         words: why, if it did not reach its end.
     """
 
@@ -96,7 +94,7 @@ def requirement_on(study: Study, metric: str) -> Requirement:
     Raises:
         BadInput: there is none, or several.
     """
-    limits = [each for each in study.requirements if each.comparison not in EQUALITIES]
+    limits = [each for each in study.requirements if each.has_margin]
     found = [each for each in limits if metric in (each.metric, each.text)]
     if len(found) == 1:
         return found[0]

@@ -9,10 +9,6 @@ from bench.campaign.distributions import Value
 from bench.campaign.requirements import Metric
 from bench.campaign.study import Study
 
-OK, REFUSED, FAILED, CRASHED, TIMEOUT = "ok", "refused", "failed", "crashed", "timeout"
-"""How a run ended: at its end, its values make no scenario, with an error, its process died, it took too long."""
-SHORT = "short"
-"""What hinders a run is its machine: no room on the disk, no process. It has no row, and the campaign stops."""
 MOST_TRIES = 2
 """How often a run is tried that did not reach its end."""
 

@@ -10,8 +10,9 @@ import heapq
 import math
 from collections.abc import Collection, Mapping, Sequence
 
-from bench.campaign.jobs import OK, Made
+from bench.campaign.jobs import Made
 from bench.campaign.requirements import Requirement
+from bench.campaign.statuses import OK
 
 MOST_FAILURES = 500
 """How many failures keep their log: a log is some megabytes, and more of them nobody looks at."""

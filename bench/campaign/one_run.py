@@ -20,8 +20,8 @@ from typing import Any
 
 from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
-from bench.campaign.jobs import FAILED, OK, REFUSED, SHORT
 from bench.campaign.requirements import flat_metrics
+from bench.campaign.statuses import FAILED, OK, REFUSED, SHORT
 from bench.campaign.study import Study
 from bench.conductor.linux import die_with_parent, set_name
 from bench.conductor.options import RunOptions

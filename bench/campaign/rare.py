@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.campaign.evaluating import EQUALITIES, Evaluate, Remembered, fails, margin_of
+from bench.campaign.evaluating import Evaluate, Remembered, fails, margin_of
 from bench.campaign.requirements import Requirement
 from bench.campaign.statistics import share
 from bench.campaign.study import Study
@@ -137,7 +137,7 @@ def check(requirement: Requirement, samples: int) -> None:
     Raises:
         BadInput: the requirement has no margin, or there are too few samples.
     """
-    if requirement.comparison in EQUALITIES:
+    if not requirement.has_margin:
         raise BadInput(f'Subset simulation needs a margin, and "{requirement.text}" has none; allowed: >, >=, <, <=')
     if samples < LEAST_SAMPLES:
         raise BadInput(f"{samples} samples of a level are not enough; allowed: at least {LEAST_SAMPLES}")

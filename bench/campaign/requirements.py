@@ -81,6 +81,11 @@ class Requirement:
         """The requirement as a study writes it; the same text for the same requirement."""
         return f"{self.metric} {self.comparison} {self.limit:.15g}"
 
+    @property
+    def has_margin(self) -> bool:
+        """Whether it limits its metric from one side; an equality has no margin."""
+        return self.comparison not in ("==", "!=")
+
     def met(self, metrics: Mapping[str, Metric]) -> bool | None:
         """Return whether a run with these metrics meets it; None if its metric has no value.
 
@@ -98,7 +103,7 @@ class Requirement:
         A missed limit without a number is infinitely far beyond it. An equality has no margin, nor has a run of which
         it is not known whether it meets the limit.
         """
-        if self.comparison in ("==", "!=") or self.met(metrics) is None:
+        if not self.has_margin or self.met(metrics) is None:
             return None
         value = metrics.get(self.metric)
         if value is None or math.isnan(value):

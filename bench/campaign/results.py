@@ -12,13 +12,10 @@ from pathlib import Path
 import polars as pl
 
 from bench.campaign.statistics import Share, share_of
+from bench.campaign.statuses import OK, REFUSED
 from bench.errors import BadInput
 
 INPUT, METRIC, REQUIREMENT = "in.", "metric.", "req."
-ENDED = "ok"
-"""The status of a run that reached its end."""
-REFUSED = "refused"
-"""The status of values that make no scenario: there was no run."""
 AT_RANDOM = ("monte-carlo", "latin-hypercube", "sobol")
 """Samplings whose share of failures estimates a probability; the others are points chosen by the user."""
 COMPLETED = "run completed"
@@ -90,7 +87,7 @@ class Results:
     def verdicts(self) -> dict[str, pl.Series]:
         """Of each run whether it failed, null if unknown: by the whole, then by each requirement."""
         each = {name: ~self.runs[REQUIREMENT + name].cast(pl.Boolean) for name in self.requirements}
-        not_ended = self.runs["status"] != ENDED
+        not_ended = self.runs["status"] != OK
         any_missed = not_ended
         for missed in each.values():
             any_missed = any_missed | missed.fill_null(value=False)
@@ -118,7 +115,7 @@ class Results:
     def statuses(self) -> dict[str, int]:
         """Return the number of rows by status, the ended ones first."""
         counts = dict(self.rows["status"].value_counts(sort=True).iter_rows())
-        return dict(sorted(counts.items(), key=lambda item: item[0] != ENDED))
+        return dict(sorted(counts.items(), key=lambda item: item[0] != OK))
 
     def worst(self, requirement: str, most: int = WORST) -> pl.DataFrame:
         """Return the rows of the runs that are worst by the metric of a requirement, the worst first.
@@ -141,7 +138,7 @@ class Results:
 
     def troubles(self) -> pl.DataFrame:
         """Return what was said of rows without an ended run: status, words, how many and the first's number."""
-        others = self.rows.filter(pl.col("status") != ENDED)
+        others = self.rows.filter(pl.col("status") != OK)
         groups = others.group_by("status", pl.col("words").fill_null(""), maintain_order=True)
         return groups.agg(pl.len().alias("rows"), pl.col("number").min()).sort("rows", descending=True)
 

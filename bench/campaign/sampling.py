@@ -13,7 +13,6 @@ import numpy.typing as npt
 from bench.campaign.distributions import Value
 from bench.campaign.study import WITHOUT_CHANCE, Study
 from bench.campaign.unit_cube import columns_at
-from bench.scenario import Scenario
 
 Array = npt.NDArray[np.float64]
 
@@ -56,15 +55,6 @@ def each_sample(study: Study) -> Iterator[Sample]:
     keys = study.keys
     for number, row in enumerate(rows):
         yield Sample(number, dict(zip(keys, row, strict=True)))
-
-
-def scenario_of(study: Study, sample: Sample) -> Scenario:
-    """Return the scenario of a run.
-
-    Raises:
-        BadInput: the sample's values together are no possible scenario.
-    """
-    return study.scenario(sample.number, sample.values)
 
 
 def _shares(study: Study) -> Array:

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.campaign.distributions import Value
-from bench.campaign.evaluating import EQUALITIES, Evaluate, Outcome, Remembered, margin_of
+from bench.campaign.evaluating import Evaluate, Outcome, Remembered, margin_of
 from bench.campaign.requirements import Requirement
 from bench.campaign.study import Study
 from bench.campaign.unit_cube import UnitCube
@@ -81,7 +81,7 @@ def search(
     Raises:
         BadInput: the requirement has no margin, or the study nothing to vary.
     """
-    if requirement.comparison in EQUALITIES:
+    if not requirement.has_margin:
         raise BadInput(f'A search minimises a margin, and "{requirement.text}" has none; allowed: >, >=, <, <=')
     return _Search(UnitCube(study), requirement, Remembered(evaluate), runs).all_starts(study.seed, workers)
 

@@ -5,7 +5,6 @@ Its TOML file is validated like a scenario's; `example` is one that explains its
 
 from __future__ import annotations
 
-import json
 import math
 import re
 import tomllib
@@ -25,9 +24,9 @@ from bench.ecu.loading import load_class
 from bench.errors import BadInput
 from bench.faults.profile import STRICT, Constant
 from bench.scenario import Scenario, load, shipped
-from bench.scenario.errors import Source, closest, explain
+from bench.scenario.errors import Source, closest
 from bench.scenario.families import FAMILIES, is_random
-from bench.scenario.loading import name_from, read_toml
+from bench.scenario.loading import name_from, read_toml, validated
 
 STUDY_DIR = Path(__file__).parent / "studies"
 
@@ -295,7 +294,7 @@ def load_study(path_or_shipped_name: str | Path, runs: int | None = None) -> Stu
     path = _find(path_or_shipped_name)
     text, document = read_toml(path, "study")
     document.setdefault("name", name_from(path))
-    stated = _validated(path, text, document)
+    stated = validated(StudyFile, Source(str(path), text, document, {}, "study"))
     if runs is not None and not 1 <= runs <= MOST_RUNS:
         raise BadInput(f"--runs {runs} is not allowed; allowed: 1 to {MOST_RUNS}")
     inputs = _all_inputs(stated.inputs, stated.groups)
@@ -349,16 +348,6 @@ def _find(path_or_name: str | Path) -> Path:
     near = closest(name, shipped_studies())
     meant = f" Did you mean {near}?" if near else ""
     raise BadInput(f"No study {name!r}: not a file; {have}.{meant} An example: platoon campaign --example")
-
-
-def _validated(path: Path, text: str, document: dict[str, Any]) -> StudyFile:
-    try:
-        return StudyFile.model_validate_json(json.dumps(document, default=str))
-    except RecursionError:
-        raise BadInput(f"Study {path} is nested too deeply; a study's keys have at most four parts") from None
-    except ValidationError as error:
-        source = Source(str(path), text, document, {}, "study")
-        raise BadInput(explain(error, source, StudyFile.model_json_schema())) from error
 
 
 def _all_inputs(inputs: Sequence[Input], groups: Sequence[Group]) -> list[Input]:

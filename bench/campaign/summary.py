@@ -12,13 +12,13 @@ from bench.campaign.results import (
     COMPLETED,
     INPUT,
     METRIC,
-    REFUSED,
     REQUIREMENT,
     Results,
     limit_of,
     purpose_of,
 )
 from bench.campaign.statistics import LEVELS, Share, quantiles
+from bench.campaign.statuses import REFUSED
 
 MOST_WORDS = 400
 """Characters shown of what was said of a run."""

@@ -12,9 +12,10 @@ from typing import Any, cast
 
 from distributed import Worker, WorkerPlugin, get_worker
 
-from bench.campaign.jobs import CRASHED, MOST_TRIES, OK, REFUSED, SHORT, TIMEOUT, Job, Made, Setup
+from bench.campaign.jobs import MOST_TRIES, Job, Made, Setup
 from bench.campaign.keeping import is_wanted
 from bench.campaign.run_process import Crashed, NotStarted, RunProcesses, TooLong
+from bench.campaign.statuses import CRASHED, OK, REFUSED, SHORT, TIMEOUT
 from bench.campaign.version import difference, versions
 from bench.errors import BadInput, RunFailed, shortage
 

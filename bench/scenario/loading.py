@@ -5,9 +5,9 @@ import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from bench.errors import BadInput
 from bench.faults.former import renewed
@@ -15,6 +15,8 @@ from bench.scenario.errors import Source, closest, explain
 from bench.scenario.families import is_random, random_text
 from bench.scenario.model import FROM_LOG, LONGEST_DESCRIPTION, Scenario
 from bench.scenario.overrides import put
+
+_Model = TypeVar("_Model", bound=BaseModel)
 
 SCENARIO_DIR = Path(__file__).parent / "shipped"
 
@@ -54,16 +56,25 @@ def load(name_or_path: str | Path, overrides: Sequence[str] = (), seed: int | No
     if seed is not None:
         document["seed"] = seed
         given["seed",] = f"--seed {seed}"
-    try:
-        as_json = json.dumps(document, default=str)
-    except RecursionError:
-        raise BadInput(f"Scenario {where} is nested too deeply; a scenario's keys have at most four parts") from None
+    return validated(Scenario, Source(where, text, document, given))
+
+
+def validated(model: type[_Model], source: Source) -> _Model:
+    """Return a document as what it describes.
+
+    Raises:
+        BadInput: one message with all errors.
+    """
+    noun = source.noun
     try:
         # From JSON, because only then strict validation accepts lists as tuples and tables as dataclasses.
-        return Scenario.model_validate_json(as_json)
+        return model.model_validate_json(json.dumps(source.document, default=str))
+    except RecursionError:
+        raise BadInput(
+            f"{noun.capitalize()} {source.name} is nested too deeply; a {noun}'s keys have at most four parts"
+        ) from None
     except ValidationError as error:
-        source = Source(where, text, document, given)
-        raise BadInput(explain(error, source, Scenario.model_json_schema())) from error
+        raise BadInput(explain(error, source, model.model_json_schema())) from error
 
 
 def from_log(text: str) -> Scenario:

@@ -2,8 +2,8 @@
 
 from bench.campaign.distributions import Choice, Integers, Normal, Uniform
 from bench.campaign.evaluating import Outcome
-from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement
+from bench.campaign.statuses import OK, REFUSED
 from bench.campaign.study import Input, Study
 
 METRIC = "least_clearance_m"

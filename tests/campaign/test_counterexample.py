@@ -10,8 +10,8 @@ from bench.analysis.metrics import compute
 from bench.bus.link.address import Address
 from bench.campaign.counterexample import base_value, made_small, scenario_text, write_scenario
 from bench.campaign.evaluating import Outcome
-from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement, flat_metrics
+from bench.campaign.statuses import OK, REFUSED
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.errors import BadInput, RunFailed

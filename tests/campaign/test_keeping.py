@@ -5,9 +5,10 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.campaign.jobs import FAILED, OK, Made
+from bench.campaign.jobs import Made
 from bench.campaign.keeping import MOST_FAILURES, Keeping, failed, is_wanted
 from bench.campaign.requirements import requirement
+from bench.campaign.statuses import FAILED, OK
 
 CLEARANCE, TIME = requirement("least_clearance_m > 1.0"), requirement("formation_time_s <= 6")
 BOTH = (CLEARANCE, TIME)

@@ -7,9 +7,9 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from bench.campaign.jobs import REFUSED
 from bench.campaign.rare import LEVEL_SHARE, share_variation, subset_simulation
 from bench.campaign.requirements import Requirement
+from bench.campaign.statuses import REFUSED
 from bench.campaign.study import Group
 from bench.errors import BadInput, RunFailed
 from tests.campaign.evaluations import ABOVE_0, METRIC, Evaluated, choice, integers, normal, study_of, uniform

@@ -7,9 +7,9 @@ import psutil
 import pytest
 
 from bench.analysis.metrics import compute
-from bench.campaign.jobs import FAILED, OK, REFUSED
 from bench.campaign.requirements import METRIC_NAMES, flat_metrics
 from bench.campaign.run_process import Crashed, Ended, RunProcess, RunProcesses, TooLong
+from bench.campaign.statuses import FAILED, OK, REFUSED
 from bench.campaign.study import load_study
 from bench.record import Run
 from tests.campaign.commands import ROOT, WAITING, makings, until, write_study

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.campaign.evaluating import Outcome, Remembered, fails, margin_of, requirement_on
-from bench.campaign.jobs import OK, REFUSED
 from bench.campaign.requirements import Requirement
 from bench.campaign.search import FRUITLESS_STARTS, search
+from bench.campaign.statuses import OK, REFUSED
 from bench.errors import BadInput
 from tests.campaign.evaluations import ABOVE_0, METRIC, Evaluated, choice, integers, normal, study_of, uniform
 

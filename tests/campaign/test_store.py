@@ -10,8 +10,9 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from bench.campaign import store as stores
-from bench.campaign.jobs import OK, Made
+from bench.campaign.jobs import Made
 from bench.campaign.results import read
+from bench.campaign.statuses import OK
 from bench.campaign.store import opened
 from bench.campaign.study import load_study
 from bench.errors import BadInput, RunFailed

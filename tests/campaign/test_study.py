@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from bench.campaign.sampling import samples, scenario_of
+from bench.campaign.sampling import samples
 from bench.campaign.study import example, load_study, shipped_studies
 from bench.errors import BadInput
 from bench.scenario import load
@@ -47,7 +47,7 @@ def test_the_example_runs_with_every_kind_of_distribution(tmp_path):
     found = samples(study)
     assert len(found) == study.runs == 16
     for sample in found:
-        scenario = scenario_of(study, sample)
+        scenario = study.scenario(sample.number, sample.values)
         assert scenario.road.lambda_f.level == sample.values["road.lambda_f"]
         assert scenario.vehicles[1].speed_mps == sample.values["vehicles.1.speed_mps"]
         assert scenario.seed == sample.values["seed"]
@@ -58,12 +58,12 @@ def test_shipped_studies_load_and_their_first_samples_are_scenarios(name):
     assert shipped_studies() == ["faults", "robustness", "seed-paper"]
     study = load_study(name, 3)
     assert (study.name, study.runs) == (name, 3)
-    assert [scenario_of(study, sample) for sample in samples(study)]
+    assert [study.scenario(sample.number, sample.values) for sample in samples(study)]
 
 
 def test_a_run_of_robustness_is_the_random_scenario_of_its_number_with_noise():
     study = load_study("robustness", 3)
-    runs = [scenario_of(study, sample) for sample in samples(study)]
+    runs = [study.scenario(sample.number, sample.values) for sample in samples(study)]
     assert [run.model_copy(update={"noise": Noise()}) for run in runs] == [load(f"random:{n}") for n in range(3)]
     assert set(study.keys) == {f"noise.{key}" for key in Noise.model_fields}
     assert all(value > 0.0 for run in runs for value in dict(run.noise).values())
@@ -71,7 +71,9 @@ def test_a_run_of_robustness_is_the_random_scenario_of_its_number_with_noise():
 
 def test_a_run_of_faults_is_the_random_fault_of_its_number():
     study = load_study("faults", 3)
-    assert [scenario_of(study, sample) for sample in samples(study)] == [load(f"random-fault:{n}") for n in range(3)]
+    assert [study.scenario(sample.number, sample.values) for sample in samples(study)] == [
+        load(f"random-fault:{n}") for n in range(3)
+    ]
 
 
 def test_the_text_is_the_study_from_any_directory_and_under_any_name(tmp_path, study_of):
@@ -82,7 +84,7 @@ def test_the_text_is_the_study_from_any_directory_and_under_any_name(tmp_path, s
     (elsewhere / "study.toml").write_text(study.text)
     again = load_study(elsewhere / "study.toml", 7)
     assert again == study
-    assert scenario_of(again, samples(again)[0]).duration_s == 1.0
+    assert again.scenario(0, samples(again)[0].values).duration_s == 1.0
     assert tomllib.loads(study.text)["name"] == "mine"
 
 
@@ -105,7 +107,7 @@ def test_keys_inside_a_vehicle_a_profile_and_a_fault_are_inputs(tmp_path, study_
     keys = ["faults.0.at_s", "road.lambda_f.amplitude", "vehicles[2].road.mu", "vehicles.1.yaw_rad"]
     study = study_of("".join(an_input(key, half) for key in keys), base="base.toml", runs=2)
     sample = samples(study)[1]
-    scenario = scenario_of(study, sample)
+    scenario = study.scenario(sample.number, sample.values)
     assert [
         scenario.faults[0].at_s,
         scenario.road.lambda_f.amplitude,
@@ -206,7 +208,7 @@ def test_the_random_family_needs_no_inputs_but_takes_them(study_of):
     assert samples(study_of("", base="random", runs=2))[1].values == {}
     study = study_of(an_input("platoon.gap_m", '{ kind = "uniform", low = 12, high = 20 }'), base="random", runs=3)
     for sample in samples(study):
-        assert scenario_of(study, sample).platoon.gap_m == sample.values["platoon.gap_m"]
+        assert study.scenario(sample.number, sample.values).platoon.gap_m == sample.values["platoon.gap_m"]
     with pytest.raises(BadInput, match="nothing to sample"):
         study_of('sampling = "sobol"\n', base="random")
 

@@ -25,10 +25,11 @@ from bench.analysis.clearance import clearances
 from bench.analysis.metrics import CLEARANCE_WITH_FAULT_M
 from bench.analysis.motion import motion
 from bench.analysis.requirements import LEAST_DISTANCE_M
-from bench.benchmarks.comfort.runs import ROOT, code_version
+from bench.benchmarks.comfort.runs import ROOT
 from bench.bus.codec import load_codecs
 from bench.bus.link.address import Address
 from bench.bus.states import Cause
+from bench.campaign.version import code_version
 from bench.conductor.options import RunOptions
 from bench.conductor.run import run
 from bench.record.reader import Run

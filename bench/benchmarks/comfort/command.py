@@ -11,7 +11,7 @@ from rich.table import Table
 
 from bench.benchmarks.comfort import front
 from bench.benchmarks.comfort.page import page
-from bench.benchmarks.comfort.runs import ROOT, Job, code_version, results
+from bench.benchmarks.comfort.runs import ROOT, Job, results
 from bench.benchmarks.comfort.tables import (
     SHIPPED,
     TYRES,
@@ -22,6 +22,7 @@ from bench.benchmarks.comfort.tables import (
     shipped_sheets,
 )
 from bench.benchmarks.sheet import Sheet
+from bench.campaign.version import code_version
 from bench.errors import BadInput
 from bench.files import check_directory, check_suffix, write_text
 from bench.scenario import shipped

@@ -22,9 +22,6 @@ from bench.scenario import load
 
 ROOT = Path(__file__).parents[3]
 NICE = 10
-_CODE = ("bench", "platoon_fmu", "dbc")
-_SUFFIXES = {".py", ".pxd", ".toml", ".dbc", ".c", ".h"}
-_NOT_OF_A_RUN = ("bench/benchmarks", "bench/cli", "bench/live", "bench/analysis/page", "bench/scenario/shipped")
 
 
 @dataclass(frozen=True)
@@ -44,17 +41,6 @@ class Job:
         text = load(self.scenario, self.overrides).toml()
         name = re.sub(r"[^A-Za-z0-9]+", "-", self.scenario)
         return folder / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:12]}.json"
-
-
-def code_version() -> str:
-    """Return a hash of all code and data of this checkout that a run's result depends on."""
-    digest = hashlib.sha256()
-    for top in _CODE:
-        for path in sorted((ROOT / top).rglob("*")):
-            name = path.relative_to(ROOT).as_posix()
-            if path.suffix in _SUFFIXES and not name.startswith(_NOT_OF_A_RUN):
-                digest.update(name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def results(jobs: Sequence[Job], folder: Path, processes: int, say: Callable[[str], None]) -> list[Result]:

@@ -7,7 +7,8 @@ import pytest
 from bench.benchmarks.comfort import command
 from bench.benchmarks.comfort.limits import LIMITS
 from bench.benchmarks.comfort.results import read
-from bench.benchmarks.comfort.runs import Job, code_version, results
+from bench.benchmarks.comfort.runs import Job, results
+from bench.campaign.version import code_version
 from bench.errors import BadInput
 
 SHORT = [Job("random:0", ("duration_s=1.0",)), Job("formation", ("duration_s=1.0",))]
